@@ -15,8 +15,8 @@ class Benchmark(NamedTuple):
 
 STEPS = ("_core", "builtin_laws", "core")  # time steps
 LOOP = (  # code of time steps of grains
-    "_core", "builtin_laws", "core/dynamics", "core/contacts/forces.py", "core/contacts/neighbors.py", "core/laws",
-    "core/state.py",
+    "_core", "builtin_laws", "core/dynamics", "core/contacts/forces.py", "core/contacts/neighbors.py",
+    "core/laws/builtin.py", "core/laws/compiled.py", "core/laws/kinds.py", "core/laws/properties.py", "core/state.py",
 )  # fmt: skip
 STATICS = (*STEPS, "loading", "solve")
 PATHS = (*STATICS, "wings/status")

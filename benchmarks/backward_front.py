@@ -24,7 +24,7 @@ class Speeds(NamedTuple):
     """Measured and predicted speeds of the backward front of one ensemble."""
 
     change: str
-    realizations: int  # number of realizations in which all disks slid
+    realizations: int  # number of realisations in which all disks slid
     front: float  # front speed as measured in the paper [length/time]
     front_error: float
     smooth: float  # front speed without the oscillation of the disks [length/time]

@@ -7,7 +7,7 @@ Criteria for the first collapse of each sample were fixed beforehand: dynamics c
 the path does, and displacements from shortly before to shortly after the collapse differ by at most a tenth, both of
 the grains and of the loaded wall or cell. In dynamics, the load continues to grow during the collapse. Cases in which
 dynamics is late by no more than the duration of the collapse are therefore counted as well. A collapse amplifies
-earlier differences, so that later collapses are not compared.
+earlier differences, so later collapses are not compared.
 """
 
 import time

@@ -102,7 +102,7 @@ def measure(side: str, path: Path, steps: int, skin: float = 0.0) -> float:
 
 
 def run_seconds(workers: int) -> float:
-    """Seconds for four realizations with two branches each, from settling to the last hold."""
+    """Seconds for four realisations with two branches each, from settling to the last hold."""
     import stickslip as ss
 
     whole = ss.scenario(
@@ -117,7 +117,7 @@ def run_seconds(workers: int) -> float:
 
 
 def scaling() -> dict:
-    """Speed of two processes relative to one, for realizations and branches; the ideal is 2."""
+    """Speed of two processes relative to one, for realisations and branches; the ideal is 2."""
     run_seconds(2)
     one, two = zip(*((run_seconds(1), run_seconds(2)) for _ in range(2)), strict=True)
     name = "gouge, 4 realizations with 2 branches each, runs/s"

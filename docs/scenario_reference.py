@@ -115,7 +115,8 @@ def _tables(table: dict, whole: dict, place: str, seen: dict) -> str:
     for header, reference in inner:
         found = whole["$defs"][reference]
         if reference in seen:
-            text += f"\n\n`{header}` has the same keys as `{seen[reference]}`."
+            same = "above" if seen[reference] == header else f"`{seen[reference]}`"
+            text += f"\n\n`{header}` has the same keys as {same}."
             continue
         seen[reference] = header
         inside = _tables(found, whole, f"{header.split(']')[0].strip('[')}.", seen)

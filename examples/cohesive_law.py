@@ -2,7 +2,7 @@
 
 The attraction decays across a gap until the bridge ruptures, as in the model of
 Richefeu, El Youssoufi & Radjai, doi:10.1103/PhysRevE.73.051304, with 2 r_eff as the
-radius of equal grains. The attraction at rupture is subtracted, so that the force
+radius of equal grains. The attraction at rupture is subtracted, so the force
 vanishes continuously. The bridge does not contribute to the friction cap.
 """
 

@@ -26,7 +26,7 @@ class BuiltinLaw(NamedTuple):
     words: str  # for the command line
     exponent: float  # exponent of the overlap in the elastic normal force
     sources: tuple[str, ...]  # keys of references.bib
-    uses_radius: bool = False  # stiffnesses contain √R_eff, so that k_n and k_t follow from elastic constants
+    uses_radius: bool = False  # stiffnesses contain √R_eff, so k_n and k_t follow from elastic constants
     rescales: bool = False  # slip shrinks as the overlap decreases
     parameters: tuple[Parameter, ...] = ()  # in addition to those of every law; for laws in `_core/normal_laws.cpp`
     memory: tuple[str, ...] = ()  # additional memory of a contact, zero when it closes

@@ -32,7 +32,7 @@ Runs
 
     Report, silent, within      progress
     Checkpoint, checkpoint_in, load_or_compute, abandon     saved parts of a run
-    Workers, Member, Task, Realizations, run_realizations, reach, open_device       realizations in parallel
+    Workers, Member, Task, Realizations, run_realizations, reach, open_device       realisations in parallel
     archive, archive_fields, ArchiveError, given_keys       archives, fields of a class in one, keys of a scenario
     run_files, LEGS, UNFINISHED         names of files and folders within a run folder
     check_free, write_atomically, check_output, staged_file     files that are complete or absent

@@ -1,6 +1,6 @@
 """Lazy imports: the names in a stub (`.pyi`) of a package or a namespace are imported on first use.
 
-Type checkers and editors read the same stub, so that each name is listed once.
+Type checkers and editors read the same stub, so each name is listed once.
 """
 
 import ast

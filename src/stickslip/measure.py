@@ -25,7 +25,7 @@ Continuum
 
 Network of forces, of a state or measured
     force_network       contacts that touch and their forces
-    force_chains        grains in a row that bear more than the mean
+    force_chains        grains in a row that carry more than the mean
     strong_network      contacts above the mean force, and their largest cluster
     force_anisotropy    anisotropies of contacts, normal and tangential forces
 

@@ -71,8 +71,8 @@ def wings() -> dict[str, Wing]:
 @cache
 def installed() -> dict[str, Wing]:
     """Heads of all installed wings, by name; broken ones are skipped with a warning."""
-    own = {"papers": 0, "studies": 1, "soils": 2, "faults": 3}  # the order of experiments in lists
-    found = sorted(entry_points(group=GROUP), key=lambda entry: (own.get(entry.name, len(own)), entry.name))
+    order = {"papers": 0, "studies": 1, "soils": 2, "faults": 3}  # the order of experiments in lists
+    found = sorted(entry_points(group=GROUP), key=lambda entry: (order.get(entry.name, len(order)), entry.name))
     return {entry.name: wing for entry in found if (wing := _load(entry)) is not None}
 
 
@@ -86,9 +86,9 @@ def figure_modules() -> dict[str, str]:
     found = {}
     for wing in wings().values():
         spec = find_spec(wing.package)
-        places = [Path(place) for place in spec.submodule_search_locations or ()] if spec else []
+        places = [Path(location) for location in spec.submodule_search_locations or ()] if spec else []
         for name in wing.experiments.values():
-            if any((place / name / "figures.py").exists() for place in places):
+            if any((location / name / "figures.py").exists() for location in places):
                 found[name] = f"{wing.package}.{name}.figures"
     return found
 

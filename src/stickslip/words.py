@@ -263,8 +263,8 @@ def _modules(space) -> dict:
 
 def public_names(module) -> list[str]:
     """Public names of a module: those that it lists, or else those that it defines."""
-    own = [name for name, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
-    return list(getattr(module, "__all__", [name for name in own if not name.startswith("_")]))
+    local_names = [name for name, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
+    return list(getattr(module, "__all__", [name for name in local_names if not name.startswith("_")]))
 
 
 def _without_an_end(word: str) -> list[str]:

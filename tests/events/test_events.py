@@ -320,7 +320,7 @@ def test_unsuitable_packings_and_laws_are_refused():
         (
             ss.packings.from_arrays([[0, 0], [2, 2]], [0.5, 0.5], LINEAR, cell=[4, 4], dim=2),
             LINEAR,
-            "has no contacts and bears no load",
+            "has no contacts and carries no load",
         ),
         (state._replace(control=state.control._replace(gravity=np.array([0.0, -1.0, 0.0]))), LINEAR, "loads"),
     ]

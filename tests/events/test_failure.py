@@ -62,7 +62,7 @@ def test_the_tangent_modulus_is_the_slope_of_the_curve(mode):
 
 
 def test_compression_of_a_lattice_has_its_closed_form():
-    """Each side bears k_n (2R − L), over the side L = L₀ exp(−ε/2)."""
+    """Each side carries k_n (2R − L), over the side L = L₀ exp(−ε/2)."""
     path = ss.protocols.shear_to_failure(lattice(LINEAR), LINEAR, until=-0.03, step=0.01, mode="isotropic")
     side = SIDE * np.exp(-0.5 * np.array([step.strain for step in path.steps]))
     np.testing.assert_allclose([step.pressure for step in path.steps], (1 - side) / side, rtol=1e-9)

@@ -27,21 +27,18 @@ def _elsewhere(tmp_path, monkeypatch):
         ("bond_style harmonic", ""),  # atoms of style sphere have no bonds
         (
             "improper_style harmonic",
-            "improper_style harmonic (log.lammps, line 162) was not taken over: it exerts forces",
+            "improper_style harmonic (log.lammps, line 162) was not imported: it exerts forces",
         ),
         ("angle_style charmm\nangle_style none", ""),
         ("kspace_style pppm 1e-4", "kspace_style pppm 1e-4 (log.lammps, line 162)"),
         ("bond_style harmonic\nclear\npair_style gran/hooke/history 2000 NULL 20 10 0.4 1", "has no fix wall/gran at"),
-        ("reading bonds ...\n  192 angles\n  0 bonds", "192 angles (log.lammps, line 163) were not taken over"),
+        ("reading bonds ...\n  192 angles\n  0 bonds", "192 angles (log.lammps, line 163) were not imported"),
         ("echo screen", "log.lammps does not repeat the commands that follow `echo screen`"),
-        (
-            "fix b all bond/create 1 1 1 1.0 1",
-            "fix b (bond/create) was not taken over: it acts on the grains (log.lamm",
-        ),
+        ("fix b all bond/create 1 1 1 1.0 1", "fix b (bond/create) was not imported: it acts on the grains (log.lamm"),
         ("fix e all efield 0 0 1", "fix e (efield)"),
         ("fix m all mystery/style 1", "whether it acts on the grains is unknown"),
         ("fix m all mystery/style 1\nunfix m", ""),
-        ("frobnicate all 3", "frobnicate all 3 (log.lammps, line 162) was not taken over: it is unknown"),
+        ("frobnicate all 3", "frobnicate all 3 (log.lammps, line 162) was not imported: it is unknown"),
         ("print 'frobnicate all 3'\nfrobnicate all 3", ""),
         ('print """\nfix a b ${c}\n"""\n\nfix a b c\n', ""),
         ("print 'frobnicate all 3'\nprint x\nx\nfrobnicate all 3", "frobnicate all 3 (log.lammps, line 165)"),
@@ -56,19 +53,19 @@ def _elsewhere(tmp_path, monkeypatch):
             "minimize 1e-4 1e-6 10 10\nbox tilt large\nprocessors 1 1 1\nreset_atoms image all\nspecial_bonds lj 0 0 0",
             "",
         ),
-        ("fix l all langevin/omp 1 1 1 4", "fix l (langevin) was not taken over"),
+        ("fix l all langevin/omp 1 1 1 4", "fix l (langevin) was not imported"),
         ("group low id 1:3\nfix z low freeze\nfix h all gravity 1 vector 0 0 -1", "it follows the fix that holds"),
         ("fix w2 all wall/gran 2000 NULL 50 NULL 0.5 1 zplane 0 NULL", ""),
         ("fix q all gravity v_g vector 0 0 -1", "v_g is a variable whose value is unknown outside LAMMPS"),
         ("pair_style hybrid/overlay granular lj/cut 0.5", "no pair_coeff defines a law for the types of the grains"),
-        ("fix twice all nve/sphere", "fix twice (nve/sphere) was not taken over: it moves 24 grains that another fix"),
+        ("fix twice all nve/sphere", "fix twice (nve/sphere) was not imported: it moves 24 grains that another fix"),
         ("group low id 1:3\nfix slow low nve/limit 0.1", "it moves 3 grains that another fix also moves"),
         ("unfix move\ngroup low id 1:3\ngroup up subtract all low\nfix a low nve/sphere\nfix b up nve/sphere", ""),
         ("fix still all momentum 1 linear 1 1 1", "it removes momentum, and walls, loads and held grains change"),
         ("fix back all recenter INIT INIT INIT", "it moves grains back, and walls, loads and held grains change"),
         ("group d dynamic all every 10\nfix a d addforce 0 0 1", "the members of group d change with time"),
         ("group d dynamic all every 10\ngroup d static\nfix z all langevin 1 1 1 4\nunfix z", ""),
-        ("fix m all momentum/chunk 1 c linear 1 1 1", "fix m (momentum/chunk) was not taken over: it acts"),
+        ("fix m all momentum/chunk 1 c linear 1 1 1", "fix m (momentum/chunk) was not imported: it acts"),
         (
             "pair_style gran/hooke 2000 NULL 20 NULL 0.4 1",
             "cannot hold grains at rest, and no equivalent law exists here",
@@ -292,7 +289,7 @@ def test_grains_without_motion_or_types(cases, tmp_path):
         ("freeze", "0.5 0 0 0 0 0", "have velocities and would move on: `velocity low set 0 0 0` stops them"),
         ("freeze", "0 0 0 0 0 1", "have spins and would go on turning: `set group low omega 0 0 0` stops them"),
         ("setforce NULL NULL 0", "0.5 0 0 0 0 1", ""),
-        ("setforce 0 NULL NULL", "0.5 0 0 0 0 0", "fix z (setforce) was not taken over: its grains have velocities"),
+        ("setforce 0 NULL NULL", "0.5 0 0 0 0 0", "fix z (setforce) was not imported: its grains have velocities"),
     ],
 )
 def test_held_grains_that_move_go_on(fix, velocity, text, cases, tmp_path):
@@ -486,7 +483,7 @@ def test_grains_without_memory_of_contacts(cases, tmp_path):
     read, known = ss.io.read_packing(tmp_path / "a.restart"), ss.io.read_packing(cases / "sheared" / "sheared.restart")
     assert (read.state.grains.position == known.state.grains.position).all()
     assert (
-        "pair_style gran/hooke of the restart file was not taken over: it has no tangential springs"
+        "pair_style gran/hooke of the restart file was not imported: it has no tangential springs"
         in obstacles(tmp_path)[0]
     )
 

@@ -177,7 +177,7 @@ def test_with_dashpots_the_damped_spectrum_answers(unstable, tmp_path):
         (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{d}/none.npz"], "is not a file"),
         (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{p}"], "contains no modes"),
         (["convert", "{p}", "--to", "{d}/x.gsd", "--frame", "3"], "which has only one state"),
-        (["stability", "{p}", "--contacts", "{p}"], "only LAMMPS data and dump files have this option"),
+        (["stability", "{p}", "--contacts", "{p}"], "this option is for LAMMPS data and dump files"),
         (["stability", "{p}", "--young", "1"], "young and poisson must be given together"),
         (["stability", "{p}", "--damping-n", "-1"], "not negative"),
     ],

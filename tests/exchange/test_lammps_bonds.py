@@ -66,14 +66,14 @@ END = "dump grains"
         (
             STYLE,
             "bond_style fene",
-            "bonds of glued.data were not taken over: fene: no equivalent bond exists here (log.l",
+            "bonds of glued.data were not imported: fene: no equivalent bond exists here (log.l",
         ),
         (STYLE, f"{STYLE} volume/factor yes", "its option volume/factor yes is not supported"),
         (STYLE, f"{STYLE} mystery 1", "its option mystery 1 is not supported"),
         (STYLE, f"{STYLE} volume/factor no store/local broken 10 time id1 id2 normalize yes", ""),
         (STYLE, STYLE.replace("break no smooth no", "break yes"), ""),
         (STYLE, "bond_style none", ""),
-        (STYLE, "", "bonds of glued.data were not taken over: there is no bond_style"),
+        (STYLE, "", "bonds of glued.data were not imported: there is no bond_style"),
         ("bond_coeff * 0.05", "bond_coeff 2* 0.05", "no bond_coeff gives bonds of type 1 a law"),
         (
             "bond_coeff * 0.05",
@@ -81,10 +81,10 @@ END = "dump grains"
             "the type glue of a bond_coeff is neither a number nor a label in a labelmap",
         ),
         ("bond_coeff * 0.05", "labelmap bond 1 glue\nbond_coeff glue 0.05", ""),
-        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10", "bonds of glued.data were not taken over"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10", "bonds of glued.data were not imported"),
         (END, f"delete_bonds all bond 1\n{END}", "delete_bonds all bond 1 (log.lammps, line"),
         (END, f"delete_bonds all bond 1 remove\n{END}", ""),
-        (END, f"fix c all bond/create 1 1 1 1.0 1\n{END}", "fix c (bond/create) was not taken over"),
+        (END, f"fix c all bond/create 1 1 1 1.0 1\n{END}", "fix c (bond/create) was not imported"),
         (END, f"  7 angles\n{END}", "7 angles (log.lammps, line"),
     ],
 )
@@ -115,7 +115,7 @@ def test_bonds_that_no_file_lists_leave_the_verdict_undecided(cases, tmp_path):
     said = doubts(ss.io.read_packing(alone / "glued.data", **options).notes)
     assert (
         len(said) == 1
-        and "67 bonds of glued.data were not taken over: give the run folder, whose log contains their laws" in said[0]
+        and "67 bonds of glued.data were not imported: give the run folder, whose log contains their laws" in said[0]
     )
 
 
@@ -272,7 +272,7 @@ def test_references_that_are_not_known_are_assumed(cases, tmp_path):
 
 def test_a_restart_file_alone_lists_bonds_without_their_laws(cases):
     said = doubts(ss.io.read_packing(cases / "cemented" / "cemented.restart").notes)
-    assert len(said) == 1 and "56 bonds of cemented.restart were not taken over" in said[0]
+    assert len(said) == 1 and "56 bonds of cemented.restart were not imported" in said[0]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -341,7 +341,7 @@ def test_a_data_file_has_the_bonds_and_their_laws(kind, tmp_path):
     text = (tmp_path / "p.data").read_text()
     (tmp_path / "r.data").write_text(text.replace("# bond_coeff 1 ", "# bond_coeff 9 "))
     said = doubts(ss.io.read_packing(tmp_path / "r.data", boundary="pff").notes)
-    assert len(said) == 1 and "were not taken over: no bond_coeff gives bonds of type 1 a law" in said[0]
+    assert len(said) == 1 and "were not imported: no bond_coeff gives bonds of type 1 a law" in said[0]
     rng = np.random.default_rng(1)
     way, turn = rng.uniform(-0.02, 0.02, (2, 27, 3))
     loads = []

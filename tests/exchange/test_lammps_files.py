@@ -60,7 +60,7 @@ def test_any_packing_keeps_its_forces(seed, tmp_path_factory):
 
 
 def test_in_motion_sticking_contacts_come_back_and_sliding_ones_are_reported(tmp_path):
-    """A sliding contact's force says how far its spring is stretched only up to what its dashpot bears."""
+    """A sliding contact's force says how far its spring is stretched only up to what its dashpot carries."""
     state = spheres()
     notes = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
     assert any("9 sliding contacts in motion" in word for word in notes)
@@ -71,7 +71,7 @@ def test_in_motion_sticking_contacts_come_back_and_sliding_ones_are_reported(tmp
     miss = np.abs(branches_and_slip(again, theirs) - branches_and_slip(state, mine)).max(axis=1)
     assert (miss > 1e-11).sum() <= 9
     assert miss.max() < 1e-4
-    # of two the dashpot bears so much that spring and dashpot together stay below the limit
+    # of two the dashpot carries so much that spring and dashpot together stay below the limit
     assert (again.contacts.mode[theirs] == ss.SLIDE).sum() == 7
 
 

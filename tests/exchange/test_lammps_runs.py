@@ -230,7 +230,7 @@ def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases
     [
         ("adhesive", 0, ["e-11 of the mean contact force stable", "R - delta/2 for torques and R for slip"]),
         ("sheared", 0, ["oscillatory instability: 4 complex pairs", "decisive contacts", "gran/hertz/history"]),
-        ("dragged", 3, ["undecided: fix drag (viscous) was not taken over", "Without it: oscillatory instability"]),
+        ("dragged", 3, ["undecided: fix drag (viscous) was not imported", "Without it: oscillatory instability"]),
         ("poured", 0, ["1 wall, gravity", "stable"]),
         ("classic", 3, ["undecided: the k_t of fix wall/gran hooke/history", "Without it: stable"]),
         ("materials", 3, ["not in equilibrium", "lever arms R - delta/2 for torques and R for slip"]),
@@ -414,7 +414,7 @@ def test_what_is_not_taken_over_stays_with_the_packing(cases, capsys, tmp_path):
     answer(capsys, "convert", cases / "dragged", "--to", tmp_path / "p.h5")
     code, said = answer(capsys, "stability", tmp_path / "p.h5", "-q", "--modes", tmp_path / "m.npz")
     assert code == 3
-    assert said.startswith("undecided: fix drag (viscous) was not taken over")
+    assert said.startswith("undecided: fix drag (viscous) was not imported")
 
 
 def test_a_restart_file_that_cannot_be_read_leaves_the_dumps(cases, tmp_path):
@@ -439,25 +439,25 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
     (tmp_path / "poured.data").write_bytes((cases / "poured" / "poured.data").read_bytes())
     state, _, notes = ss.io.read_packing(tmp_path)
     assert len(state.walls.mass) == 1
-    assert any("pair_style none was not taken over" in note for note in notes)
+    assert any("pair_style none was not imported" in note for note in notes)
 
 
 @pytest.mark.parametrize(
     ("line", "text"),
     [
-        ("neigh_modify exclude type 1 2", "neigh_modify exclude type 1 2 was not taken over"),
-        ("fix s all spring/self 1.0", "fix s (spring/self) was not taken over: it acts on the grains"),
+        ("neigh_modify exclude type 1 2", "neigh_modify exclude type 1 2 was not imported"),
+        ("fix s all spring/self 1.0", "fix s (spring/self) was not imported: it acts on the grains"),
         (
             "fix q all wall/gran hooke/history 1 1 0 0 0.5 1 zcylinder 3",
             "only fixed planes for all grains are supported",
         ),
         ("fix q all wall/gran 50 0.2 zplane 0 NULL", "a number is expected in place of 'zplane'"),
         ("fix q low addforce 0 0 v_push", "the members of group low are uncertain"),
-        ("fix q all addforce 0 0 v_push", "fix q (addforce) was not taken over"),
+        ("fix q all addforce 0 0 v_push", "fix q (addforce) was not imported"),
         ("fix q all setforce 0 NULL 1", "only zero or NULL forces in the whole box are supported"),
         ("units real", "units real, in which LAMMPS converts forces"),
-        ("pair_style hybrid/overlay granular", "pair_style hybrid/overlay was not taken over"),
-        ("pair_coeff 1 1 hertz 1", "pair_style granular was not taken over"),
+        ("pair_style hybrid/overlay granular", "pair_style hybrid/overlay was not imported"),
+        ("pair_coeff 1 1 hertz 1", "pair_style granular was not imported"),
         ("fix x all print 10 'now'", ""),
         (
             "pair_style hybrid/overlay gran/hooke/history 2000 571.428571428571 20 10 0.4 1 coul/cut 2\n"
@@ -840,7 +840,7 @@ def test_runs_in_one_folder_are_not_mixed_silently(cases, tmp_path):
 def test_planes_at_no_place_are_refused(plane, cases, tmp_path):
     line = f"fix q all wall/gran hooke/history 1 1 0 0 0.5 1 {plane}"
     notes = ss.io.read_packing(in_poured(cases, tmp_path, line)).notes
-    assert any("fix q (wall/gran) was not taken over" in note and "is not a finite number" in note for note in notes)
+    assert any("fix q (wall/gran) was not imported" in note and "is not a finite number" in note for note in notes)
 
 
 DUMP = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n1\nITEM: BOX BOUNDS pp pp ff\n0 3\n0 3\n{z}\n"
@@ -902,7 +902,7 @@ def test_grains_behind_a_wall_are_reported(plane, behind, cases, tmp_path):
     line = f"fix q all wall/gran granular hooke 2000 20 tangential linear_history 600 0.5 0.4 {plane}"
     notes = ss.io.read_packing(in_poured(cases, tmp_path, line)).notes
     assert any("behind the wall of fix q" in note for note in notes if isinstance(note, Obstacle)) == behind
-    assert not any("was not taken over" in note for note in notes if "fix q" in note)
+    assert not any("was not imported" in note for note in notes if "fix q" in note)
 
 
 def test_memory_that_is_written_is_read_again(cases, tmp_path):

@@ -476,7 +476,7 @@ def test_increments_of_parallel_bonds_are_those_of_potyondy_and_cundall():
 
 @pytest.mark.parametrize("name", ["stiff spring", "parallel"])
 def test_bonds_across_gaps_bear_a_hanging_chain(name):
-    """Forces that bonds alone bear are the scale of what is unbalanced."""
+    """Forces that bonds alone carry are the scale of what is unbalanced."""
     chain = ss.assembly(ss.spheres(np.arange(4)[:, None] * [0, -1.1, 0], 0.5))
     chain = ss.packings.bonded(chain, BONDS[name], within=0.2)
     control = ss.control.fixed(chain.control, [0])._replace(gravity=np.array([0, -1e-3, 0]))

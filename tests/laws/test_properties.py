@@ -476,7 +476,7 @@ def test_a_property_replaces_the_former_one():
 
 def test_events_are_not_sought_with_a_memory_of_forces():
     law = ss.laws.with_memory(ss.laws.hertz_mindlin_reff(mu=0.5), "force")
-    with pytest.raises(ValueError, match="memory of forces, but events are sought with slips"):
+    with pytest.raises(ValueError, match="memory of forces, but the search for events requires a memory of slips"):
         ss.protocols.find_events(ss.packings.jammed(20, packing_fraction=0.9, dim=2, seed=1)[0], law, to=1e-3, drag=0.1)
 
 

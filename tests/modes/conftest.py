@@ -8,7 +8,7 @@ import pytest
 import stickslip as ss
 
 LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
-OVERLAP = 1e-8  # of lattices: so small that it bears no pressure to speak of
+OVERLAP = 1e-8  # of lattices: so small that it carries no pressure to speak of
 
 
 def sheared(n, dim, fraction, strain, *, seed, law=LAW, steps=3):

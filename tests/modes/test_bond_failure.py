@@ -14,7 +14,7 @@ SHEAR = np.array([[0.0, 1.0], [0.0, 0.0]])
 
 @pytest.fixture(scope="module")
 def cemented():
-    """Disks whose cement is as strong as the parallel bond of unit strengths, and bears nothing yet."""
+    """Disks whose cement is as strong as the parallel bond of unit strengths, and carries nothing yet."""
     state, _ = ss.packings.jammed(30, packing_fraction=0.88, dim=2, law=LAW, seed=1)
     return ss.packings.bonded(state, ss.laws.parallel_bond(0.5, 0.2, 1.0, 2.0), within=0.05)
 

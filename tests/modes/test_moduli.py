@@ -23,7 +23,7 @@ def test_triangular_lattice(kt):
     law = ss.laws.linear(1.3, kt, 0.5)
     moduli = ss.modes.elastic_moduli(triangular(law), law)
     bulk, shear = 3**0.5 / 2 * 1.3, 3**0.5 / 4 * (1.3 + kt)
-    # an overlap of 1e-8 bears a pressure that changes C by as much
+    # an overlap of 1e-8 carries a pressure that changes C by as much
     np.testing.assert_allclose([moduli.bulk, moduli.shear], [bulk, shear], rtol=1e-7)
     assert moduli.poisson == pytest.approx((bulk - shear) / (bulk + shear), rel=1e-6)
     assert moduli.anisotropy < 1e-7 and moduli.asymmetry < 1e-7

@@ -234,7 +234,7 @@ def test_a_noisy_run_has_the_variance(packing):
 
 
 def near_its_limit(state, **dashpots):
-    """Law with less friction, so that the contact nearest to the limit bears 0.8 of it."""
+    """Law with less friction, so that the contact nearest to the limit carries 0.8 of it."""
     return ss.laws.hertz_mindlin(mu=0.3 * np.nanmax(linearised(state, LAW).line.mobilisation) / 0.8, **dashpots)
 
 

@@ -166,7 +166,7 @@ def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
         twin, law = between_two(state, sensitivity.i[k], sensitivity.j[k], kn=1e-14, kt=0.0)
         truth = np.sort(np.linalg.eigvals(ss.modes.dynamical_matrix(twin, law, free).toarray()).real)
         values = eigenvalues_after(linearised(state, LAW), modes, free, *changes[sensitivity.contact[k]])
-        # the twin's contact bears 1e-14 still; nearly equal eigenvalues of J amplify round-off
+        # the twin's contact carries 1e-14 still; nearly equal eigenvalues of J amplify round-off
         np.testing.assert_allclose(np.sort(values.real), truth, atol=1e-10 * truth.max())
 
 

@@ -14,7 +14,7 @@ from stickslip.solve.moduli import ModuliBounds, isotropic_tensor, voigt, with_f
 from stickslip.solve.response import forced_motion
 from tests.modes.conftest import LAW, sheared
 
-OVERLAP = 1e-11  # bears a stress that changes ω² by as much
+OVERLAP = 1e-11  # carries a stress that changes ω² by as much
 KN, KT = 1.3, 0.4
 TRIANGULAR = np.array([[1, 0, 0], [0.5, 0.75**0.5, 0], [-0.5, 0.75**0.5, 0]])
 

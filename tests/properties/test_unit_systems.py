@@ -2,7 +2,7 @@
 
 Units that are powers of 4 scale all sums, products and square roots exactly, so that results agree to the last bit. Two
 functions do not scale so: NumPy's determinant, from which a cell has its volume (it is the exponential of a sum of
-logarithms), and the cube root that gives a free cell in space its size.
+logarithms), and the cube root that gives a free cell in three dimensions its size.
 """
 
 from functools import cache

@@ -39,7 +39,7 @@ def test_a_drawing_has_a_band_for_each_bond_and_its_legend(dim):
             drawn.update(map(tuple, lines.get_edgecolor().tolist()))
     pieces = {to_rgba(BOND): 3, to_rgba(BROKEN): 1}
     count = {color: drawn[color] for color in pieces}
-    share = count[to_rgba(BROKEN)]  # in space a line has several pieces
+    share = count[to_rgba(BROKEN)]  # in three dimensions a line has several pieces
     assert share >= 1 and count == {color: share * number for color, number in pieces.items()}
     words = [text.get_text() for text in axes.get_legend().get_texts()]
     assert {"contact sticks (1)", "bond (3)", "broken (2)"} <= set(words)

@@ -91,7 +91,7 @@ def test_the_force_scale_of_a_users_law_is_extrapolated_linearly_from_a_tenth_of
 
 
 def test_a_free_wall_falls_and_a_grain_on_it_rests_on_both_weights():
-    """A floor of mass M that is free to move falls by g t²/2; where it is held up, it bears its own weight too."""
+    """A floor of mass M that is free to move falls by g t²/2; where it is held up, it carries its own weight too."""
     pull, mass, law = np.array([0.0, 0.0, -0.01]), 3.0, ss.laws.linear(kn=1.0, kt=0.5)
     walls = ss.flat_walls([0, 0, 0], [0, 0, 1], mass=mass)
     state = ss.assembly(ss.spheres([[0, 0, 5]], 0.5, mass=2.0), walls)

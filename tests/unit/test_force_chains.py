@@ -12,7 +12,7 @@ def network(rows, i, j, force_n, force_t=0.0):
 
 
 def lattice(columns, rows, strong):
-    """Square lattice whose contacts bear 1, vertical ones 3 in some columns."""
+    """Square lattice whose contacts carry 1, vertical ones 3 in some columns."""
     place = np.array([[k, m] for m in range(rows) for k in range(columns)], float)
     up = [(k, k + columns) for k in range(columns * (rows - 1))]
     right = [(k, k + 1) for k in range(columns * rows) if (k + 1) % columns]
@@ -23,7 +23,7 @@ def lattice(columns, rows, strong):
 def test_columns_under_load_are_chains_and_clusters():
     m = lattice(6, 7, strong=(1, 4))
     chains, strong = ss.measure.force_chains(m), ss.measure.strong_network(m)
-    assert chains.lengths.tolist() == [7, 7]  # ends have one contact, and still bear more than the mean
+    assert chains.lengths.tolist() == [7, 7]  # ends have one contact, and still carry more than the mean
     assert {tuple(sorted(chain % 6)) for chain in chains.chains} == {(1,) * 7, (4,) * 7}
     for chain in chains.chains:
         assert (np.abs(np.diff(chain)) == 6).all()
@@ -39,7 +39,7 @@ def test_chains_end_where_they_turn_too_far():
     both = np.vstack([place, place + np.array([0, 9])])
     m = network(both, [*i, *i + 11], [*i + 1, *i + 12], [2.0] * 10 + [0.5] * 10)
     # σ₁ of the grain at the corner points 35° from either side, within 45° and not within 30°
-    assert ss.measure.force_chains(m).lengths.tolist() == [9]  # without the ends, which bear half
+    assert ss.measure.force_chains(m).lengths.tolist() == [9]  # without the ends, which carry half
     assert ss.measure.force_chains(m, angle=30).lengths.tolist() == [4, 4]
     with pytest.raises(ValueError, match="from 0 to 90"):
         ss.measure.force_chains(m, angle=100)

@@ -71,8 +71,8 @@ def test_thresholds_are_drawn_where_they_are():
     circles = [line.get_ydata().tolist() for line in above.get_lines() if len(line.get_xdata()) == 3]
     assert circles[2:] == [[0, 0.5, 1], [0, 0.4, 0.9]] and {"slid by 0.1", "slid for as long again"} <= set(lines)
     assert lines[r"kicked by $3\times 10^{-3}$"].get_ydata().tolist() == [0, 0.4, 0.9] and below.get_xlabel() == "push"
-    verticals = {word: lines[word].get_xdata()[0] for word in ("first limit", "slides by itself")}
-    assert verticals == {"first limit": 0.25, "slides by itself": 0.4} and "first pair" not in lines
+    verticals = {word: lines[word].get_xdata()[0] for word in ("first limit", "slides spontaneously")}
+    assert verticals == {"first limit": 0.25, "slides spontaneously": 0.4} and "first pair" not in lines
     curve, lasting = (line for line in above.get_lines() if len(line.get_xdata()) == 400)
     x, y = curve.get_data()
     assert x[-1] == 0.4 and np.interp(0.2, x, y) == pytest.approx(0.5, abs=0.01)

@@ -118,7 +118,7 @@ def test_what_a_load_a_spring_or_a_fixed_body_holds_is_no_rattler():
     force = np.zeros((5, 3))
     force[0] = down
     assert loose(force=force) == [False, True, True, True]
-    force[2] = down  # bears on disk 1, which then has two contacts
+    force[2] = down  # presses on disk 1, which then has two contacts
     assert loose(force=force) == [False, False, False, True]
     free = state.control.free.copy()
     free[2] = False

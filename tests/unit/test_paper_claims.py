@@ -230,7 +230,7 @@ def test_the_threshold_must_lie_between_arrest_and_sliding(interval, verdict):
         lasting_interval=np.array([interval]), arrest=np.array([[0.04, 0.045]] * 3), arrest_range=(0.04, 0.045),
     )  # fmt: skip
     value, between = disk_claims._threshold_claims(threshold)
-    assert "slide by 0.1, and that slide on: 0.1 and 0 at 0.04, 1 and 0.9 at 0.083" in value.note
+    assert "slide by 0.1, and that keep sliding: 0.1 and 0 at 0.04, 1 and 0.9 at 0.083" in value.note
     assert "3 sliding arrays stopped between 0.04 and 0.045" in value.note
     assert between.verdict == verdict and value.verdict == NO_REFERENCE
     assert value.measured == (None if verdict == UNDECIDED else 0.044)

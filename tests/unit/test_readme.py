@@ -22,7 +22,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
         ("README.md", 0, ("oscillatory instability: 1 complex pair",)),
         ("docs/index.md", 0, ("3 complex pairs", "limit")),
         ("docs/index.md", 1, ("oscillatory instability: 1 complex pair",)),
-        ("docs/index.md", 2, ("the lid bears ", " events; ")),
+        ("docs/index.md", 2, ("the lid carries ", " events; ")),
         ("docs/quasi_rigid.md", 0, (" events,", " alternatives")),
         ("docs/quasi_rigid.md", 1, ("MECHANISM 0.8",)),
         ("docs/quasi_rigid.md", 2, ("[106  41  17] 37 [109  42  17] 33",)),

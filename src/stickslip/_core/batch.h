@@ -1,7 +1,7 @@
 // Many systems side by side: the work of each thread. The file is compiled for this processor, with a loop over the
 // threads, and at run time for a graphics processor; both give the same bits, because products are not contracted.
 //
-// Every body evaluates all its contacts, so that each contact is evaluated from both sides, with the same bits except
+// Every body evaluates all its contacts, so each contact is evaluated from both sides, with the same bits except
 // for signs, since every formula is odd or even in the order of the two bodies. No sum needs atomic additions.
 //
 // An entry of the list of a body is a word: partner, images along the three vectors, and in its lowest bits the mode, and

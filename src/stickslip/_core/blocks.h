@@ -41,7 +41,7 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
 };
 
 // Pair vector (3,) of contact c, and rolled length R_i angle_i + R_j angle_j (3,) of two bodies, as they are committed:
-// with the same bits on every processor, so that memory shows whether a body has moved
+// with the same bits on every processor, so memory shows whether a body has moved
 void pair_vector(const Contacts &contacts, int64_t c, const double *position, const double *vectors, double *out);
 void rolled_length(const double *radius, const double *angle, int64_t i, int64_t j, double *out);
 

@@ -142,13 +142,13 @@ constexpr int64_t MOST_THREADS = 256;
 
 struct Blocks;  // see blocks.h
 
-API Blocks *new_blocks(void);  // null if there is no memory
+API Blocks *new_blocks(void);  // null if memory runs out
 API void free_blocks(Blocks *blocks);
 API void clear_blocks(Blocks *blocks);  // frees memory and leaves no block
 API void commit_blocks(const Blocks *blocks, const Contacts *contacts);  // writes slips and modes back to the list
 // Commits the old blocks, then chooses blocks for all pairs that may touch within the displacement limits `room` (B,).
 // `across` maps an image to the shift of the pair vector: the cell's vectors, or the unit matrix if there is a frame.
-// Returns false, without any block, if there is no memory.
+// Returns false, without any block, if memory runs out.
 API uint8_t choose_blocks(Blocks *blocks, const Contacts *contacts, const Moving *moving, const double *inverse_mass,
                           const int64_t *material, const double *normal, int64_t walls, const double *vectors,
                           const double *across, const double *room, double gap, int64_t materials, uint8_t by_size,
@@ -211,7 +211,7 @@ struct Law {
   int64_t twist_at;      // column of k_twist, before mu_twist and gamma_twist, or 0: none
   int64_t twist_scaled;  // these are multiples, see `TwistScale`
   int64_t angular;       // first columns of `Contacts.rolling`, for moments and lever arms
-  void *update;          // own memory at a given overlap
+  void *update;          // additional memory at a given overlap
   double *memory;        // of a contact that closes
   int64_t len_memory;
 };
@@ -227,7 +227,7 @@ struct Grid {  // of the cell, for the pair search; the unit matrix if nothing i
 
 struct Pairs;  // keys of all pairs within range
 
-// Pairs closer than `skin`; x are the positions of all bodies, walls last. Null if there is no memory
+// Pairs closer than `skin`; x are the positions of all bodies, walls last. Null if memory runs out
 API Pairs *find_pairs(const Grid *grid, const double *x, const double *radius, const double *normal, int64_t bodies,
                       int64_t walls, double skin, int64_t threads);
 API int64_t count_pairs(const Pairs *pairs);  // −1 if a pair is more boxes apart than a key can hold
@@ -376,7 +376,7 @@ struct Batch {  // S slots with room for R bodies, each with one system or none
   int64_t knots;     // K
   int64_t courses;   // C
   int64_t samples;   // T, rows of `series`
-  int64_t least;     // least number of contacts of a grain that is not a rattler
+  int64_t least;     // smallest number of contacts of a grain that is not a rattler
   int64_t events;    // E, rows of `event`; 0: none are recorded
   int64_t tracks;    // P, bodies of each sample: R or none
   int64_t *number;   // (S, SLOT_NUMBERS)

@@ -74,7 +74,8 @@ static void add_moments(const Law &law, double overlap, double fn, TwistScale sc
   end.power -= dot(load + roll.stiffness * psi, across) + (pull + twist.stiffness * turned) * along;
 }
 
-// Contact c of the list `after` the step, at one end of the step, with the contact's own memory there, and that of
+// Contact c of the list `after` the step, at one end of the step, with the contact's additional memory there, and that
+// of
 // rotations.
 static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, const double *memory,
                     const double *rotations) {
@@ -183,7 +184,8 @@ static double nonpotential(const Law &law, Kept slip, const End &old, const End 
   return sum;
 }
 
-// Energy created as a bond forms or breaks, or as the own memory of a contact changes: that stored less the work done.
+// Energy created as a bond forms or breaks, or as the additional memory of a contact changes: energy stored less the
+// work done.
 static double hysteresis(const Law &law, Kept slip, const End &old, const End &now) {
   bool changes = slip.known != slip.closed;
   for (int64_t k = 0; k < law.len_memory; ++k) changes |= old.pair.q.memory[k] != now.pair.q.memory[k];

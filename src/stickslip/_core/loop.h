@@ -71,7 +71,7 @@ void evaluate_blocks(const Law &law, int64_t dim, int64_t first, int64_t last, b
                      int64_t end, const Blocks &blocks, const Moving &moving, double dt, bool hold, const Flow *flow,
                      double *scratch);
 
-// ---- motion: sums of contact loads, half kicks and drift. Compiled without contraction and without fast math, so that
+// ---- motion: sums of contact loads, half kicks and drift. Compiled without contraction and without fast math, so
 // stopping after a step for a record does not change a single bit of the trajectory
 
 constexpr int64_t CHUNK = 64;  // bodies whose forces are summed together

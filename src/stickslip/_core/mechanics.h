@@ -149,7 +149,7 @@ inline bool agrees(int64_t memory, bool slid, double pull, double limit, double 
   return pull <= limit + slack && (!slid || (pull > 0.0 && pull >= smaller((1.0 - AT_LIMIT) * limit, limit - slack)));
 }
 
-// Whether the memory of such a spring is kept beside a dashpot that moves: its limit is not that of the commit.
+// Whether the memory of such a spring is kept while a dashpot acts, so that its limit differs from that at the commit.
 inline bool is_kept_in_motion(bool slid, double pull, double limit) { return !slid || pull > 0.0 || limit == 0.0; }
 
 // Slip a + d part/whole truncated at the Coulomb limit, and whether the contact slides. With HELD memory it keeps its

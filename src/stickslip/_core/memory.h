@@ -7,7 +7,7 @@
 #include <malloc.h>
 #endif
 
-inline void *allocate(int64_t bytes) {  // null if there is no memory
+inline void *allocate(int64_t bytes) {  // null if memory runs out
 #ifdef _WIN32
   return _aligned_malloc(bytes, 64);
 #else
@@ -30,7 +30,7 @@ struct Buffer {  // memory that is kept while it is long enough; new memory cost
   int64_t room;
 };
 
-// Returns false if there is no memory. Contents are lost if the buffer was too short.
+// Returns false if memory runs out. Contents are lost if the buffer was too short.
 template <class T>
 bool grow(Buffer<T> &buffer, int64_t need) {
   if (need <= buffer.room) return true;
@@ -56,7 +56,7 @@ class Scratch {  // memory that lasts as long as this object
   Scratch &operator=(const Scratch &) = delete;
 
   template <class T>
-  bool take(T *&data, int64_t length) {  // returns false if there is no memory
+  bool take(T *&data, int64_t length) {  // returns false if memory runs out
     data = static_cast<T *>(allocate((length + 1) * sizeof(T)));
     part[parts++] = data;
     return data;

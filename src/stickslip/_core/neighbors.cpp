@@ -2,7 +2,8 @@
 //
 // Grains of similar radius share a cell list in fractional coordinates. Its bins follow the cell's vectors. Sheared
 // cells and boxes narrower than the range of a grain therefore need no special case: an image is simply a bin some
-// number of boxes away. Pairs of two sizes are sought by the grains of that size for which fewer bins must be read: one
+// number of boxes away. For pairs of two sizes, the search starts from the grains of the size for which fewer bins must
+// be read: one
 // large grain reads the bins of the small ones around it, and does not widen them.
 #include "keys.h"
 #include "memory.h"
@@ -56,7 +57,7 @@ class Bins {
   Bins(const Grid &grid, const double *x, const double *radius, int64_t n, double skin)
       : grid(grid), x(x), radius(radius), n(n), skin(skin) {}
 
-  bool sort_grains(Scratch &scratch) {  // false if there is no memory
+  bool sort_grains(Scratch &scratch) {  // false if memory runs out
     if (!take_arrays(scratch)) return false;
     wrap_positions();
     assign_sizes();
@@ -271,7 +272,7 @@ class Search : Bins {  // for the pairs of a part of the grains, by one thread
   void run();
   void write_keys(int64_t *out, const int64_t *row);
 
-  bool too_far = false, complete = false;  // not complete if there is no memory
+  bool too_far = false, complete = false;  // not complete if memory runs out
 
  private:
   void find_window(const Size &to, int64_t e, const int64_t *wide, Window &out);
@@ -326,7 +327,7 @@ double Search::cost(const Size &from, const Size &to) const {
 }
 
 // Columns of bins in a window, the boxes crossed, and the shifts of positions. With `own`, only that of the grain,
-// as the first one, and those after it, so that each pair of columns is found once.
+// as the first one, and those after it, so each pair of columns is found once.
 bool Search::find_columns(const Size &to, const Window &window, bool own) {
   const double need = (window.high[0] - window.low[0] + 1.0) * (window.high[2] - window.low[2] + 1.0);
   columns = 0;
@@ -372,7 +373,7 @@ inline int64_t Search::scan(Range range, const double *s, double near, int64_t c
   return hits;
 }
 
-// Entries near one, in the part of each column that is in the window. False if there is no memory.
+// Entries near one, in the part of each column that is in the window. False if memory runs out.
 inline bool Search::scan_columns(const Size &to, int64_t e, const Window &window, bool own, int64_t &hits) {
   const int64_t last_box = floor_divide(window.high[1], to.number[1]);
   hits = 0;
@@ -396,7 +397,7 @@ inline bool Search::scan_columns(const Size &to, int64_t e, const Window &window
   return true;
 }
 
-// Pairs of an entry with those that were hit. False if there is no memory.
+// Adds the pairs of an entry with the bodies that were hit; returns false if there is not enough memory.
 inline bool Search::add_pairs(int64_t e, int64_t hits) {
   if (!key.reserve(keys + hits)) return false;
   const int64_t a = member[e];
@@ -414,7 +415,7 @@ inline bool Search::add_pairs(int64_t e, int64_t hits) {
   return true;
 }
 
-// Pairs of grains with walls. False if there is no memory.
+// Pairs of grains with walls. False if memory runs out.
 bool Search::add_walls() {
   const int64_t last = walls > 0 ? n * (part + 1) / parts : 0;
   for (int64_t a = n * part / parts; a < last; ++a) {
@@ -430,7 +431,7 @@ bool Search::add_walls() {
   return true;
 }
 
-// Pairs of grains of a size with those of another or of the same size. False if there is no memory.
+// Pairs of grains of a size with those of another or of the same size. False if memory runs out.
 bool Search::search(const Size &from, const Size &to, bool own) {
   const int64_t entry = start[from.first] + from.grains * part / parts;
   const int64_t end = start[from.first] + from.grains * (part + 1) / parts;
@@ -468,7 +469,7 @@ void Search::write_keys(int64_t *out, const int64_t *row) {
   }
 }
 
-// Finds the pairs of all parts. False if there is no memory.
+// Finds the pairs of all parts. False if memory runs out.
 bool find_all(Pairs &pairs, Search *search, int32_t *many, Pool &pool) {
   const int64_t n = pairs.grains, parts = pool.parts;
   pool.each([&](int64_t k) { search[k].run(); });

@@ -94,7 +94,7 @@ inline void find_overlap(Pair &pair, const View &view, int64_t i, int64_t j) {
   }
 }
 
-// Parameters, effective radius and mass of bodies i and j; `memory`: own memory of the contact, or null.
+// Parameters, effective radius and mass of bodies i and j; `memory`: additional memory of the contact, or null.
 template <class View>
 inline void find_parameters(Pair &pair, const Law &law, const View &view, int64_t i, int64_t j, const double *memory) {
   pair.q = {parameters_of(law, view, i, j), memory};

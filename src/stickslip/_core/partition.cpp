@@ -234,7 +234,7 @@ void fill_block(const Choice &s, int64_t b) {
   blocks.material.data[2 * b + 1] = s.materials > 1 ? s.material[s.moving.order[one.j]] : 0;
 }
 
-// Assigns each block its first row of loads. Returns the number of rows, or −1 if there is no memory. Blocks of pairs
+// Assigns each block its first row of loads. Returns the number of rows, or −1 if memory runs out. Blocks of pairs
 // between threads have separate rows. Tiles of a thread share rows for pairs within a tile. Rows for pairs between
 // tiles are reused by another block as soon as the last of the tiles has summed them.
 int64_t assign_load_rows(const Choice &s) {
@@ -313,7 +313,7 @@ void count_loads(const Choice &s, int64_t part) {
   });
 }
 
-// Converts counts to places in `code`. A body without loads gets the row `nothing`, so that it also has a first row
+// Converts counts to places in `code`. A body without loads gets the row `nothing`, so it also has a first row
 void place_loads(const Choice &s, int64_t nothing) {
   uint32_t next = 0, *bound = s.blocks.start.data;
   for (int64_t g = 0; g < s.bodies; ++g) {
@@ -345,7 +345,7 @@ void each_block(const Choice &s, int64_t part, const Use &use) {
   for (int64_t b = count * part / s.workers; b < count * (part + 1) / s.workers; ++b) use(b);
 }
 
-// Fills the blocks with the picked pairs. Returns false if there is no memory
+// Fills the blocks with the picked pairs. Returns false if memory runs out
 bool fill_blocks(const Choice &s, Pool &pool) {
   const Blocks &b = s.blocks;
   if (!grow_blocks(s, s.block[s.buckets])) return false;
@@ -360,7 +360,7 @@ bool fill_blocks(const Choice &s, Pool &pool) {
   return true;
 }
 
-// Completes the blocks with rows of loads, vectors and the order of summation. Returns false if there is no memory
+// Completes the blocks with rows of loads, vectors and the order of summation. Returns false if memory runs out
 bool complete_blocks(const Choice &s, Pool &pool) {
   Blocks &b = s.blocks;
   const int64_t rows = assign_load_rows(s), with_frame = s.moving.len_virial > 0;

@@ -38,7 +38,7 @@ inline void put(double *to, const T &value) {
 template <class... Laws>
 struct List {};
 
-// e^x to 1 unit in the last place; without branches, so that compilers evaluate it for several numbers at once. It is
+// e^x to 1 unit in the last place; without branches, so compilers evaluate it for several numbers at once. It is
 // e^−708 below −708 and e^709 above 709.
 inline double exponential(double x) {
   x = x < -708.0 ? -708.0 : x > 709.0 ? 709.0 : x;

@@ -77,7 +77,7 @@ struct RotationStep {
   Ratio<double> fraction;
   int64_t memory;     // see mechanics.h
   bool kept, closed;  // the memory is kept; the contact touched before
-  bool still, moves;  // it has not moved since it was committed; a dashpot moves
+  bool still, moves;  // it has not moved since it was committed; a dashpot acts
   double round_off;   // of a rotation
 };
 

@@ -4,7 +4,7 @@
 // The unknowns are logarithms, because velocity and state vary over many orders of magnitude during a hold.
 // Extrapolation of the linearly implicit Euler method (P. Deuflhard, SIAM Rev. 27, 505 (1985), doi:10.1137/1027140)
 // needs no table of coefficients, adapts its order, and solves its systems by elimination, since the states are coupled
-// through w alone. A step ends at every requested time, so that nothing is interpolated.
+// through w alone. A step ends at every requested time, so nothing is interpolated.
 //
 // The flag keeps GCC from packing w and s into vectors, which lengthens the chain of dependent operations.
 #include "rate_state.h"

@@ -1,4 +1,4 @@
-// Threads of the process. A call takes a team of them and gives it back, so that threads are started once. A thread
+// Threads of the process. A call takes a team of them and gives it back, so threads are started once. A thread
 // that waits spins briefly and then sleeps. Parts of the work that no other thread has begun are done by the caller.
 #pragma once
 #include "core.h"

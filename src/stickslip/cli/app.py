@@ -34,8 +34,8 @@ class _Commands(typer.core.TyperGroup):
 
     def resolve_command(self, ctx, args):
         if self.get_command(ctx, args[0]) is None:
-            near, known = commands_like(args[0], self.list_commands(ctx)), ", ".join(self.list_commands(ctx))
-            hint = f"did you mean {' or '.join(near)}?" if near else f"use {known}"
+            near, commands = commands_like(args[0], self.list_commands(ctx)), ", ".join(self.list_commands(ctx))
+            hint = f"did you mean {' or '.join(near)}?" if near else f"use {commands}"
             raise ValueError(f"unknown command {args[0]!r}: {hint}")
         return super().resolve_command(ctx, args)
 
@@ -90,8 +90,8 @@ def complete_from(names: dict[str, str] | Callable[[], dict[str, str]]):
     """Shell completion from names and their descriptions, or from a function that returns them."""
 
     def complete(incomplete: str) -> list[tuple[str, str]]:
-        known = names() if callable(names) else names
-        return [pair for pair in known.items() if pair[0].startswith(incomplete)]
+        choices = names() if callable(names) else names
+        return [pair for pair in choices.items() if pair[0].startswith(incomplete)]
 
     return complete
 
@@ -113,7 +113,7 @@ Device = Annotated[
     str | None,
     typer.Option(
         "--device",
-        help="cuda: run all realizations of gouge or of a sliding array side by side on a graphics processor.",
+        help="cuda: run all realisations of gouge or of a sliding array side by side on a graphics processor.",
         autocompletion=complete_from(DEVICES),
     ),
 ]
@@ -379,7 +379,7 @@ def main() -> None:
 
 
 def _usage_message(problem) -> str:
-    """Message about options and arguments that a command does not have or lacks."""
+    """Message about unknown or missing options and arguments."""
     word, context = getattr(problem, "option_name", ""), getattr(problem, "ctx", None)
     if not (word and context and hasattr(problem, "possibilities")):
         return problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them"
@@ -415,8 +415,8 @@ def _error_message(problem: Exception) -> str:
         if full and not problem.filename:
             _discard_stdout()
             return f"standard output cannot be written ({problem.strerror.lower()}): redirect it elsewhere"
-        place = f"{problem.filename}: " if problem.filename else ""
-        return f"{place}{problem.strerror.lower()}{remedy}"
+        location = f"{problem.filename}: " if problem.filename else ""
+        return f"{location}{problem.strerror.lower()}{remedy}"
     return str(problem)
 
 

@@ -59,7 +59,7 @@ STABILITY = examples(
     ),
     (
         "stability examples/measured_disks.csv \\\n      --contacts examples/measured_forces.csv --mu 0.3",
-        "measured forces: the nearest state in balance",
+        "measured forces: the nearest balanced state",
     ),
     ("stability examples/sheared_spheres.npz --fastest", "the fastest pair, and bounds on the others"),
 )
@@ -244,7 +244,7 @@ def stability(
         with terminal.progress(transient=not large) as tell:
             saved = Path(f"{named.stem}-search.npz") if large else None
             if saved and saved.exists():
-                terminal.console.print(f"{saved}: the search that is saved there continues if it is of this packing")
+                terminal.console.print(f"{saved}: the search saved there is continued if it belongs to this packing")
             result = analyse(state, its_law, method=method, dashpots=dashpots, saved=saved, report=tell)
             more = None
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):

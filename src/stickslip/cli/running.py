@@ -63,7 +63,7 @@ def reproduce(
         ),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer realizations and shorter runs; omissions are reported.")
+        bool, typer.Option("--quick", help="Fewer realisations and shorter runs; omissions are reported.")
     ] = False,
     full: Annotated[
         bool,

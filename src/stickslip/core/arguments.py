@@ -124,9 +124,9 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
         try:
             given: list[Any] = list(args)
-            for place, name, check in _parameters(function):
-                if place < len(given):
-                    given[place] = check(name, given[place])
+            for index, name, check in _parameters(function):
+                if index < len(given):
+                    given[index] = check(name, given[index])
                 elif name in kwargs:
                     kwargs[name] = check(name, kwargs[name])
             everything = [*given, *kwargs.values()]
@@ -217,14 +217,14 @@ _MOST = 16  # values of *arguments that are checked
 def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
     """Index, name and check of the parameters whose annotations can be checked."""
     places = []
-    for place, parameter in enumerate(inspect.signature(function).parameters.values()):
+    for index, parameter in enumerate(inspect.signature(function).parameters.values()):
         if parameter.kind is parameter.VAR_KEYWORD or parameter.annotation is parameter.empty:
             continue
         check = _check_of(parameter.annotation)
         if check is not None and parameter.kind is not parameter.VAR_POSITIONAL:
-            places.append((place if parameter.kind is not parameter.KEYWORD_ONLY else _KEYWORD, parameter.name, check))
+            places.append((index if parameter.kind is not parameter.KEYWORD_ONLY else _KEYWORD, parameter.name, check))
         elif check is not None:
-            places += [(place + k, f"{parameter.name}[{k}]", check) for k in range(_MOST)]
+            places += [(index + k, f"{parameter.name}[{k}]", check) for k in range(_MOST)]
     return places
 
 
@@ -475,8 +475,8 @@ def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
 
 def require_options(function: Callable, options: Iterable[str]) -> None:
     """Raise TypeError with a one-sentence message if a function has no option of a name."""
-    known = inspect.signature(function).parameters.values()
-    names = [one.name for one in known if one.kind is one.KEYWORD_ONLY]
+    parameters = inspect.signature(function).parameters.values()
+    names = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
     for name in options:
         if name not in names:
             raise TypeError(f"{name} is not an option; the options are {', '.join(names)}")

@@ -271,9 +271,7 @@ def _merge_course(control: Control, times, values, column: int) -> tuple[np.ndar
     """Knots and time profiles with one column replaced by the given times and values."""
     times, values = np.atleast_1d(as_numbers(times)), np.atleast_1d(as_numbers(values))
     if times.ndim != 1 or times.shape != values.shape or not len(times) or (np.diff(times) <= 0).any():
-        raise ValueError(
-            f"times must increase and be as many as values, got {len(times)} times and {len(values)} values"
-        )
+        raise ValueError(f"times must increase, one for each value, got {len(times)} times and {len(values)} values")
     knots = np.union1d(control.knots, times)
     old = [np.interp(knots, control.knots, c) if len(control.knots) else np.zeros(len(knots)) for c in control.course.T]
     course = np.stack(old, axis=1)

@@ -192,28 +192,28 @@ def _sizes(parts: Mapping[str, Any]) -> dict[str, int]:
 
     Incomplete states define only some of these: a control defines the number of bodies, but not that of grains.
     """
-    known = {}
+    sizes = {}
     if "instant" in parts:
-        known["bodies"] = len(parts["instant"].force)
+        sizes["bodies"] = len(parts["instant"].force)
     if "contacts" in parts:
         contacts = parts["contacts"]
-        known |= {"bodies": len(contacts.origin), "rows": len(contacts.i)}
-        known["pairs"] = min(max(int(contacts.count[:1].sum()), 0), known["rows"])
+        sizes |= {"bodies": len(contacts.origin), "rows": len(contacts.i)}
+        sizes["pairs"] = min(max(int(contacts.count[:1].sum()), 0), sizes["rows"])
     if "bonds" in parts:
-        known["bonds"] = len(parts["bonds"].i)
+        sizes["bonds"] = len(parts["bonds"].i)
     if "control" in parts:
         control = parts["control"]
-        known |= {"bodies": len(control.force), "knots": len(control.knots), "courses": control.course.shape[1]}
-        known["last course"] = known["courses"] - 1
+        sizes |= {"bodies": len(control.force), "knots": len(control.knots), "courses": control.course.shape[1]}
+        sizes["last course"] = sizes["courses"] - 1
     if "walls" in parts:
-        known["walls"] = len(parts["walls"].mass)
+        sizes["walls"] = len(parts["walls"].mass)
     if "grains" in parts:
-        known["grains"] = len(parts["grains"].radius)
+        sizes["grains"] = len(parts["grains"].radius)
     if "grains" in parts and "walls" in parts:
-        known["bodies"] = known["grains"] + known["walls"]
-    known["last body"] = known.get("bodies", 0) - 1
-    known["last grain"] = known.get("grains", known.get("bodies", 0)) - 1
-    return known
+        sizes["bodies"] = sizes["grains"] + sizes["walls"]
+    sizes["last body"] = sizes.get("bodies", 0) - 1
+    sizes["last grain"] = sizes.get("grains", sizes.get("bodies", 0)) - 1
+    return sizes
 
 
 _SCALARS = {np.float64: (Real, "a number"), np.int64: (Integral, "a whole number"), np.bool_: (bool, "True or False")}

@@ -68,8 +68,8 @@ def branch_vectors(state: State) -> np.ndarray:
     """Vectors r_i − r_j + cellᵀ·image of all pairs in the list, (C, 3); for a wall, from its surface to i [length]."""
     contacts, grains, count, n = state.contacts, state.grains, int(state.contacts.count[0]), len(state.grains.radius)
     i, j = contacts.i[:count], contacts.j[:count]
-    place = np.concatenate([grains.position, state.walls.point])
-    out = place[i] - place[j] + shifts(contacts, state.cell.vectors)
+    position = np.concatenate([grains.position, state.walls.point])
+    out = position[i] - position[j] + shifts(contacts, state.cell.vectors)
     wall = j >= n
     normal = state.walls.normal[j[wall] - n]
     out[wall] = np.einsum("ck,ck->c", out[wall], normal)[:, None] * normal
@@ -227,7 +227,7 @@ def contact_numbers(state: Committed) -> np.ndarray:
 
 
 def least_supports(law: Law, dim: int) -> int:
-    """Supports that a grain needs to bear forces: 2 with friction (one force cannot be balanced), dim + 1 without."""
+    """Supports that a grain needs to carry forces: 2 with friction (one force cannot be balanced), dim + 1 without."""
     return 2 if law.table[..., MU].any() else dim + 1
 
 
@@ -251,7 +251,7 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
     """Rattlers, (N,) bool: grains with fewer than `least` supports, after recursive removal of rattlers.
 
     Supports are contacts; a load, a spring or a fixed direction counts as one more: at rest, the single contact of a
-    grain under a load bears this load. Grains held in all directions are not rattlers. A rigid group is one body.
+    grain under a load carries this load. Grains held in all directions are not rattlers. A rigid group is one body.
 
     Parameters
     ----------

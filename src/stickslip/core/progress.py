@@ -21,7 +21,7 @@ from .arguments import Requirement
 from .readable import pluralize, readable
 
 MOST = 1_000_000
-# largest number of each kind; the same on every machine, so that a scenario is valid everywhere or nowhere
+# largest number of each kind; the same on every machine, so a scenario is valid everywhere or nowhere
 LIMITS = {
     "grains": MOST, "bodies": 2 * MOST, "cells": MOST, "points": MOST, "times": MOST, "members": MOST, "runs": MOST,
     "types": 300, "branches": 100_000, "load steps": 100_000, "profiles": 100_000, "samples": 10 * MOST,
@@ -75,13 +75,13 @@ def cpu_quota(groups: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/
     Source: Linux kernel, Documentation/admin-guide/cgroup-v2.rst, cpu.max; scheduler/sched-bwc.rst for version 1.
     """
     try:
-        own = re.search(r"^\d+:(|(?:[^:]+,)?cpu(?:,[^:]+)?):/(.*)", groups.read_text(), re.MULTILINE)
+        match = re.search(r"^\d+:(|(?:[^:]+,)?cpu(?:,[^:]+)?):/(.*)", groups.read_text(), re.MULTILINE)
     except OSError:  # not Linux
-        own = None
-    if not own:
+        match = None
+    if not match:
         return np.inf
-    root, least = root / own[1], np.inf
-    for folder in (root / own[2], *(root / own[2]).parents):
+    root, least = root / match[1], np.inf
+    for folder in (root / match[2], *(root / match[2]).parents):
         for names in (["cpu.max"], ["cpu.cfs_quota_us", "cpu.cfs_period_us"]):
             try:
                 quota, period = " ".join((folder / name).read_text() for name in names).split()
@@ -206,7 +206,7 @@ class Outcome(NamedTuple):
 
     @property
     def broken(self) -> bool:
-        """True if the run became unstable, so that its last state is meaningless."""
+        """True if the run became unstable, so its last state is meaningless."""
         return self.status in (Status.NOT_A_NUMBER, Status.BLOWN_UP)
 
     def __str__(self) -> str:

@@ -6,7 +6,7 @@ text), but no time stamps or host names. Entries are written in order of name, s
 whether a part was computed or read. Large arrays are stored with the filters shuffle and gzip, which every HDF5
 library has.
 
-A file is assembled in memory, written to a temporary file and renamed, so that an interrupted write or a full disk
+A file is assembled in memory, written to a temporary file and renamed, so an interrupted write or a full disk
 leaves the previous file unchanged. It begins with a block of text that HDF5 skips and that holds a checksum of the
 rest, because HDF5 itself may hang on a damaged file.
 """
@@ -35,7 +35,7 @@ REMEDY = "give the results.h5 of a run"
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _VERSIONS = ("numpy", "scipy", "h5py")
 _FILTERS = {"compression": "gzip", "shuffle": True}  # filters of datasets with more than 1000 numbers
-_LONG, _CHUNK = 2**16, 2**19  # least size of a column that has separate chunks, and largest size of a chunk [bytes]
+_LONG, _CHUNK = 2**16, 2**19  # smallest size of a column that has separate chunks, and largest size of a chunk [bytes]
 _SAMPLE, _WORTH = (
     2048,
     0.5,

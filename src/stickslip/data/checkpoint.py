@@ -93,8 +93,8 @@ def append_record(folder: Path, name: str, content: bytes, about: dict) -> None:
     ----------
     about : owner of the folder, for the first record
     """
-    own = os.getpid(), folder
-    path = _OWN.setdefault(own, folder / f"{os.urandom(8).hex()}{SUFFIX}")
+    key = os.getpid(), folder
+    path = _OWN.setdefault(key, folder / f"{os.urandom(8).hex()}{SUFFIX}")
     try:
         with path.open("ab") as file:
             first = b"" if file.tell() else _to_frame("", json.dumps(about | {"file": os.urandom(8).hex()}).encode())
@@ -104,7 +104,7 @@ def append_record(folder: Path, name: str, content: bytes, about: dict) -> None:
                 os.fsync(file.fileno())
                 _SYNCED[path] = time.monotonic()
     except OSError as problem:
-        del _OWN[own]  # the file may end with an incomplete record, after which nothing is read
+        del _OWN[key]  # the file may end with an incomplete record, after which nothing is read
         problem.filename = str(path)
         raise
 
@@ -245,7 +245,7 @@ class Checkpoint(NamedTuple):
 
 
 def _refuse_damage(path: Path):
-    return refuse_damage(path, "a checkpoint", "remove it and resume again, so that its part is computed anew")
+    return refuse_damage(path, "a checkpoint", "remove it and resume again, so its part is computed again")
 
 
 def read_index(path: Path) -> Index:
@@ -269,7 +269,7 @@ def unfinished_scenario(folder: Path) -> Path | None:
 
 def is_worth_resuming(folder: Path) -> bool:
     """Return True if any part of an unfinished run or sweep has been saved in its folder."""
-    inside = [path for place in (UNFINISHED, MEMBERS) for path in (folder / place).rglob("*")]
+    inside = [path for name in (UNFINISHED, MEMBERS) for path in (folder / name).rglob("*")]
     return any(path.suffix in (SUFFIX, ".h5") and not path.name.startswith(".") for path in inside)
 
 

@@ -44,7 +44,7 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
     Parameters
     ----------
     known : function that returns True for a wanted heading, by which the row of headings is found
-    named : whether the user gave column numbers, so that headings are not needed
+    named : whether the user gave column numbers, so headings are not needed
     example : example of headings, for messages
     remedy : advice for a table without headings, besides adding them
 
@@ -85,15 +85,15 @@ def _text_sheet(
     above = [line for _, line in body[:first]]
     above = above or [line.lstrip(COMMENTS + " ") for k, line in lines if k < body[0][0]]  # as of numpy.savetxt
     titles = [_fit_width(_split_titles(line, mark, width), rows) for line in above]
-    place = max(range(len(titles)), key=lambda k: (sum(map(known, titles[k])), k), default=None)
-    if place is None or not any(map(known, titles[place])):
+    index = max(range(len(titles)), key=lambda k: (sum(map(known, titles[k])), k), default=None)
+    if index is None or not any(map(known, titles[index])):
         titles = [title for title in titles if len(title) == width]
         if named or titles:
             return Sheet(titles[-1] if titles else [""] * width, [None] * width, rows=rows)
         raise ValueError(f"{path} has no row of headings above its numbers: add one, such as '{example}'{remedy}")
-    if any(line.count('"') % 2 for line in above[place:]):
+    if any(line.count('"') % 2 for line in above[index:]):
         raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
-    headings, below = titles[place], [line for line in above[place + 1 :] if not COUNTS.fullmatch(line)]
+    headings, below = titles[index], [line for line in above[index + 1 :] if not COUNTS.fullmatch(line)]
     units = _fit_width(_split_titles(below[0], mark, width), rows) if below else []
     _check_widths(path, headings, rows)
     given = [unit.strip("[]() ") or None for unit in units]

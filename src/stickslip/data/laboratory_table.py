@@ -163,10 +163,10 @@ class LaboratoryTable(NamedTuple):
         missing = np.any([_is_missing(column) for column in values.values()], axis=0)
         if missing.any():
             first = int(missing.argmax())
-            place = f"line {rows[first][0]}" if rows else f"sample {first + 1}"
+            location = f"line {rows[first][0]}" if rows else f"sample {first + 1}"
             warnings.warn(
                 f"{path}: {missing.sum()} of {len(missing)} rows lack a number (an empty cell, nan or -9999) and are "
-                f"skipped; the first is {place}",
+                f"skipped; the first is {location}",
                 stacklevel=2,
             )
         return {name: column[~missing] * self.places[name][1] for name, column in values.items()}
@@ -357,23 +357,23 @@ def _named_headings(
 ) -> tuple[list[str], bool]:  # fmt: skip
     """Headings given by the user, and whether the file itself has none."""
     width, headings, bare = len(sheet.headings), [""] * len(sheet.headings), not any(sheet.headings)
-    for name, place in columns.items():
-        if isinstance(place, str):
-            if place not in sheet.headings:
+    for name, column in columns.items():
+        if isinstance(column, str):
+            if column not in sheet.headings:
                 seen = ", ".join(repr(shortened(heading)) for heading in sheet.headings[:SHOWN] if heading)
                 raise ValueError(
-                    f"{path}: the column {place!r} for {name!r} does not exist: the file has {seen or 'no headings'}"
+                    f"{path}: the column {column!r} for {name!r} does not exist: the file has {seen or 'no headings'}"
                 )
-            place = sheet.headings.index(place)
-        if not 0 <= place < width:
+            column = sheet.headings.index(column)
+        if not 0 <= column < width:
             raise ValueError(
-                f"{path}: column {place} for {name!r} does not exist: the file has columns 0 to {width - 1}"
+                f"{path}: column {column} for {name!r} does not exist: the file has columns 0 to {width - 1}"
             )
-        headings[place] = name
+        headings[column] = name
         aliases, units = _describe_column(name, wanted)
-        own, given = unit_of(sheet.headings[place], aliases, units)[1] or sheet.units[place], split_label(name)[1]
+        own, given = unit_of(sheet.headings[column], aliases, units)[1] or sheet.units[column], split_label(name)[1]
         if given is None and own and not bare:
-            headings[place] = f"{name} [{own}]"
+            headings[column] = f"{name} [{own}]"
         elif given and own and units.get(own) != units.get(given):
             warnings.warn(
                 f"{path}: --columns gives {name!r}, but the unit in the file is {own!r}: {given!r} is used",

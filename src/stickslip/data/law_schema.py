@@ -3,7 +3,7 @@
 Experiments have their own default laws.
 
 A law can be a Python file, that is, a program, and scenarios may come from untrusted sources. Reading a scenario
-therefore executes nothing: it stores the checksum of the file, so that a resumed run notices a change. The file is
+therefore executes nothing: it stores the checksum of the file, so a resumed run notices a change. The file is
 executed only when a run builds its law, and only if this user has allowed its present text. Digests of allowed texts
 are in the user's cache folder, where the author of a scenario cannot write.
 """
@@ -280,9 +280,9 @@ class LawTable(LawOrFile):
         if self.file is not None:
             return self
         given = [name for name in type(self).model_fields if getattr(self, name) is not None]
-        own = [p.name for p in BY_NAME[self.kind].parameters]
-        for name in sorted({*own} ^ {*given} & OWN_PARAMETERS.keys()):
-            remedy = "is missing: give it" if name in own else f"is not a parameter of {self.kind}: leave it out"
+        names = [p.name for p in BY_NAME[self.kind].parameters]
+        for name in sorted({*names} ^ {*given} & OWN_PARAMETERS.keys()):
+            remedy = "is missing: give it" if name in names else f"is not a parameter of {self.kind}: leave it out"
             raise ValueError(f"law.{name} {remedy}")
         elastic = [name for name in ("young", "poisson") if name in given]
         plain = [name for name in ("kn", "kt") if name in given]

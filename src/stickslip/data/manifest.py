@@ -50,10 +50,10 @@ def add_to_manifest(folder: Path, *names: str) -> None:
 
 def write_file(folder: Path, name: str, content: bytes) -> None:
     """Write or replace a run file atomically."""
-    known, new = read_manifest(folder), hashlib.sha256(content).hexdigest()
-    write_manifest(folder, known | {name: [*known.get(name, []), new]})
+    manifest, new = read_manifest(folder), hashlib.sha256(content).hexdigest()
+    write_manifest(folder, manifest | {name: [*manifest.get(name, []), new]})
     write_atomically(folder / name, content)
-    write_manifest(folder, known | {name: [new]})
+    write_manifest(folder, manifest | {name: [new]})
 
 
 def digest(path: Path) -> str:

@@ -214,9 +214,9 @@ def restore_contacts(fields: dict) -> Contacts:
     """
     fields = {name: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for name, v in fields.items()}
     if "stale" not in fields:
-        skin, known = np.atleast_1d(fields["skin"]), np.isfinite(fields["origin"])
-        fields |= {"skin": float(skin[0]), "gap": float(skin[1:].sum()), "stale": not known.all()}
-        fields["origin"] = np.where(known, fields["origin"], 0.0)
+        skin, finite = np.atleast_1d(fields["skin"]), np.isfinite(fields["origin"])
+        fields |= {"skin": float(skin[0]), "gap": float(skin[1:].sum()), "stale": not finite.all()}
+        fields["origin"] = np.where(finite, fields["origin"], 0.0)
         if not len(fields.get("rolling", ())):
             fields["rolling"] = None
     return Contacts(**fields)

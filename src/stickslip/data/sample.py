@@ -63,7 +63,7 @@ class Absent(Assumption):
 
 
 class Obstacle(Assumption):
-    """A note on an action on the grains that was not taken over, which leaves any verdict undecided."""
+    """A note on an action on the grains that was not imported, which leaves any verdict undecided."""
 
     reason: str
 
@@ -315,10 +315,10 @@ def law_by_name(
     if young is not None and (not BY_NAME[law].uses_radius or kn is not None or kt is not None):
         raise PackingError("young and poisson replace kn and kt of hertz_mindlin_reff: give them only with that law")
     needed = {p.name: f"{p.words} [{p.unit}]" for p in BY_NAME[law].parameters}
-    own = {*more} - {"damping_n", "damping_t", "tension"}
-    for name in sorted({*needed} - own):
+    extra = {*more} - {"damping_n", "damping_t", "tension"}
+    for name in sorted({*needed} - extra):
         raise PackingError(f"{law} needs {name}, {needed[name]}: give it (--parameter {name}=…)")
-    for name in sorted(own - {*needed}):
+    for name in sorted(extra - {*needed}):
         has = f"it has {', '.join(needed)}" if needed else "it has none"
         raise PackingError(f"{law} has no parameter {name}: {has}")
     model = {} if damping is None else {"damping": damping}

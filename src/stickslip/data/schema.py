@@ -257,10 +257,10 @@ def tables_in(annotation) -> list[type[BaseModel]]:
 def unknown_key(where, kind: type[BaseModel], place: str = "") -> str:
     """Error message for an unknown key of a table, with the closest known key."""
     name, table, entry = _locate(where[:-1], kind, place)
-    known, key = list(table.model_fields), str(where[-1])
+    keys, key = list(table.model_fields), str(where[-1])
     place = f"the table [{name}]{entry}" if name else "a scenario"
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}"
+    near = difflib.get_close_matches(key, keys, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(keys)}"
     return f"{place} has no key {key!r}: {hint}"
 
 

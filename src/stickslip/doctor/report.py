@@ -169,8 +169,10 @@ def show_machine(versions: dict, threads: dict, core: dict, parts: list[Optional
     """Print tables of versions, threads, the compiled core and optional parts."""
     show_pairs("Versions", versions)
     show_pairs("Threads", threads)
-    home, place = str(Path.home()), core["folder"]
-    show_pairs("Compiled core", core | {"folder": f"~{place[len(home) :]}" if place.startswith(f"{home}/") else place})
+    home, folder = str(Path.home()), core["folder"]
+    show_pairs(
+        "Compiled core", core | {"folder": f"~{folder[len(home) :]}" if folder.startswith(f"{home}/") else folder}
+    )
     table = Table("extra", "for", "found", title="Optional parts", **STYLE)
     for part in parts:
         color = "green" if part.ok else "yellow"

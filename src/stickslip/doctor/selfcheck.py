@@ -1,7 +1,7 @@
 """Self-check: a few numbers from every subpackage are compared with `numbers.json`.
 
 `python -m stickslip.doctor.selfcheck` updates the stored numbers; do this only if they are meant to change. All cases
-share one contact law and one dimension, so that few kernels are compiled.
+share one contact law and one dimension, so few kernels are compiled.
 """
 
 import hashlib

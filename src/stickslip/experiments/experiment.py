@@ -69,8 +69,8 @@ class Experiment(NamedTuple):
     show: Callable  # result -> None; prints a summary
     figures: Callable = _empty  # result -> iterator of (file name, Figure)
     files: Callable = _empty  # result -> iterator of (file name, function that writes it)
-    writes: tuple[str, ...] = ()  # regular expressions of the names of these files, which are no figures
-    failures: Callable = _failures  # result -> one sentence for each realization that failed
+    writes: tuple[str, ...] = ()  # regular expressions of the names of these files, which are not figures
+    failures: Callable = _failures  # result -> one sentence for each realisation that failed
     announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
     references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
     # (scenario, path of a laboratory's table) -> function of the contents of the archive that returns a Comparison
@@ -81,7 +81,7 @@ class Experiment(NamedTuple):
     more_papers: tuple[Paper, ...] = ()  # others that it reproduces
     smallest: tuple[dict, ...] = ()  # tables of runs that take seconds, for tests of all experiments
     export: Callable | None = None  # (scenario, folder) -> paths of the input that LAMMPS runs elsewhere
-    parallel: bool = True  # whether realizations can be distributed over the workers of a cluster
+    parallel: bool = True  # whether realisations can be distributed over the workers of a cluster
     device: bool = False  # whether `simulate`, and `reproduce` of its paper, can run them on a graphics processor
 
     @property

@@ -75,7 +75,7 @@ class Quantity(NamedTuple):
     partial: bool = False  # whether a mean is over the samples that have it; otherwise it is NaN if one lacks it
 
     def at(self, subject) -> dict[str, Any]:
-        """Value of a subject by name: one, one for each place, or none."""
+        """Values of a subject by name: one value, one for each condition such as a load, or none."""
         value = self.of(subject) if callable(self.of) else _attribute(subject, self.of or self.name)
         if isinstance(value, Mapping):
             return {f"{self.name}@{at if isinstance(at, str) else f'{at:g}'}": each for at, each in value.items()}
@@ -193,8 +193,8 @@ class Measures(Quantities):
     def _reduce(self, row: Quantity, values):
         if not self.over:
             return values
-        known = [value for value in values if np.isfinite(value)] if row.partial else values
-        return self.over(known if len(known) else values)
+        finite = [value for value in values if np.isfinite(value)] if row.partial else values
+        return self.over(finite if len(finite) else values)
 
     def __call__(self, result) -> dict[str, tuple[float, str]]:
         """Return {name: (value, unit)}; estimates also have `name_error`, half of their 95 % interval."""

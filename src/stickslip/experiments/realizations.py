@@ -1,6 +1,6 @@
-"""The loop over realizations, shared by all experiments: run in parallel, save, skip saved ones, report failures.
+"""The loop over realisations, shared by all experiments: run in parallel, save, skip saved ones, report failures.
 
-On a device, legs of several realizations, each in a separate thread, run side by side in one batch (`Together`).
+On a device, legs of several realisations, each in a separate thread, run side by side in one batch (`Together`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,11 +18,11 @@ from ..core.state import State
 from ..data.checkpoint import Checkpoint, kind_of_result
 from ..ensemble import Workers, run_members
 
-MOST = 256  # realizations side by side on a device
+MOST = 256  # realisations side by side on a device
 
 
 class Task(NamedTuple):
-    """One realization, or one independent part of it."""
+    """One realisation, or one independent part of it."""
 
     label: str  # in messages, such as "sample 3"
     arguments: tuple
@@ -33,7 +33,7 @@ class Task(NamedTuple):
 class Realizations(NamedTuple):
     """Results in the order of the tasks."""
 
-    results: list[Any]  # None where a realization failed
+    results: list[Any]  # None where a realisation failed
     labels: list[str]  # labels of the tasks
     reasons: list[str | None]  # reason of each failure, None elsewhere
 
@@ -44,7 +44,7 @@ class Realizations(NamedTuple):
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """One sentence for each realization that failed."""
+        """One sentence for each realisation that failed."""
         return tuple(sentence for sentence in self.sentences if sentence)
 
     def groups(self, size: int) -> "list[Realizations]":
@@ -117,19 +117,19 @@ def run_realizations(
     if device:
         return _run_on_device(device, function, tasks, report, stage=stage, **options)
     places = {task.checkpoint.folder: task.checkpoint for task in tasks if task.checkpoint}
-    for place in places.values():
-        place.check()
-        place.announce()
+    for checkpoint in places.values():
+        checkpoint.check()
+        checkpoint.announce()
 
     def load(k: int) -> Any:
-        _, _, name, place = tasks[k]
-        return place.load(name, kind_of_result(function)) if place and place.has(name) else None
+        _, _, name, checkpoint = tasks[k]
+        return checkpoint.load(name, kind_of_result(function)) if checkpoint and checkpoint.has(name) else None
 
     def save(k: int, result: Any) -> None:
-        _, _, name, place = tasks[k]
-        if place:
-            place.save(name, result)
-            place.of(name).clear()  # pieces of the unfinished task
+        _, _, name, checkpoint = tasks[k]
+        if checkpoint:
+            checkpoint.save(name, result)
+            checkpoint.of(name).clear()  # pieces of the unfinished task
 
     arguments = [task.arguments for task in tasks]
     members = run_members(

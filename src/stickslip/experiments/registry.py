@@ -100,7 +100,7 @@ def simulate(
     ----------
     scenario : from `scenario(...)` or `read_scenario`
     folder : where finished parts are saved during the run; with the same folder, an interrupted run continues
-    workers : processes, or the address of a Dask scheduler, for independent realizations (threads for a flow)
+    workers : processes, or the address of a Dask scheduler, for independent realisations (threads for a flow)
     report : called as report(stage, share done, text with the main quantities)
     more : other options of the experiment
 

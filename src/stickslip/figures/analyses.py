@@ -79,8 +79,8 @@ def failure_path(found: _Failure):
             axes.axvspan(one.low, one.high, color=color, alpha=0.15, lw=0, label=f"next {one.of}, 80 %")
             axes.axvline(one.strain, color=color, ls=":", lw=0.8)
         if k:
-            known = value[np.isfinite(value)]
-            axes.set_ylim(min(0.0, 1.08 * known.min(initial=0.0)), 1.08 * known.max(initial=0.0) or None)
+            finite = value[np.isfinite(value)]
+            axes.set_ylim(min(0.0, 1.08 * finite.min(initial=0.0)), 1.08 * finite.max(initial=0.0) or None)
         label_axes(axes, y=label)
     ends = np.array([strain.min(), strain.max(), *(end for one in found.forecasts for end in (one.low, one.high))])
     room = 1.5 * np.ptp(strain)  # a wide interval is cut off at half the length of the path
@@ -119,7 +119,7 @@ def growth_by_amplitude(form: BirthForm):
 
 @styled
 def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Load = np.nan):
-    """Shares of kicked runs that slide, and that slide on, against the load, beside the static thresholds.
+    """Shares of kicked runs that slide, and that keep sliding, against the load, with the static thresholds.
 
     Open circles and dashed curves: runs that slid by the distance; full ones: runs that slid on for another duration.
     Coloured bands are 95 % intervals of the load at which half of the runs do so. The lower panel shows the median time
@@ -153,7 +153,7 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
         )
     static = (
         (found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--"),
-        (strength, "slides by itself", "-"),
+        (strength, "slides spontaneously", "-"),
     )  # fmt: skip
     for load, name, style in static:
         if x[0] <= load <= top:

@@ -25,7 +25,7 @@ FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of 
 PIXELS, DPI = 900, 150  # width of the picture, up to 1.5 times as much for wide ones; type is readable at half of it
 ROW = 0.17  # height of a row of the legend [inches]
 BITS = 6  # bits per channel of the colours from which the palette of a GIF is made
-WHITE = 247  # least channel value of colours shown as white: Pillow would mistake some of them for white
+WHITE = 247  # smallest channel value of colours shown as white: Pillow would mistake some of them for white
 STRETCH = 1.02  # gap of a contact between two stored states above which it is omitted
 
 

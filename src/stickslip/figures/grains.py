@@ -40,7 +40,7 @@ SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front
 PIECES = 6  # largest number of pieces of a contact line, each in its own slab
 SHINING = 2000  # number of grains up to which balls have a highlight, which would be invisible on smaller balls
 SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
-BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
+BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension; lines between balls must be visible
 THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
 CASING = 0.7  # more width of the white lines beneath those on coloured grains [points]
 CEMENT = 3.0  # width of a bond over that of a contact with the mean force
@@ -162,22 +162,22 @@ def draw(
     """Draw one frame from back to front; return the mappable for a colour bar."""
     state, dim = frame.state, layout.dim
     basis, radius = view_basis(frame), BALL[dim] * state.grains.radius
-    place = wrapped(state) @ basis.T
+    position = wrapped(state) @ basis.T
     colors = _face_colours(frame, layout, mode, first)
     drawn = ScalarMappable(Normalize(*layout.limits), cmap="viridis")
-    i, j, start, ends, width, color = _contact_lines(axes, frame, layout, place, basis)
+    i, j, start, ends, width, color = _contact_lines(axes, frame, layout, position, basis)
     casing = CASING if layout.colour else 0.0
-    slab, back = np.zeros(len(place), int), np.zeros(len(start), int)
+    slab, back = np.zeros(len(position), int), np.zeros(len(start), int)
     if dim == 3:
         start, ends, width, color = _visible_pieces(frame, i, j, start, ends, width, color)
-        slab, back = (_depth_slabs(z, place[:, 2]) for z in (place[:, 2], 0.5 * (start[:, 2] + ends[:, 2])))
+        slab, back = (_depth_slabs(z, position[:, 2]) for z in (position[:, 2], 0.5 * (start[:, 2] + ends[:, 2])))
     for number in np.unique(slab):
         rows = slab == number
-        _draw_balls(axes, place[rows, :2], radius[rows], colors[rows], zorder=2 + number)
-        if dim == 3 and len(place) <= SHINING:
+        _draw_balls(axes, position[rows, :2], radius[rows], colors[rows], zorder=2 + number)
+        if dim == 3 and len(position) <= SHINING:
             x, y, size = SHINE
             _draw_balls(
-                axes, place[rows, :2] + radius[rows, None] * [x, y], size * radius[rows], (1.0, 1.0, 1.0, 0.35),
+                axes, position[rows, :2] + radius[rows, None] * [x, y], size * radius[rows], (1.0, 1.0, 1.0, 0.35),
                 zorder=2.3 + number, edge="none",
             )  # fmt: skip
     for number in np.unique(back):
@@ -186,15 +186,15 @@ def draw(
             drawn_lines = _segments(axes, start[rows, :2], ends[rows, :2], width[rows] + more, shade)
             drawn_lines.set_zorder(2.7 + number)
             axes.add_collection(drawn_lines, autolim=False)
-    _draw_outlines(axes, cell_edges(frame) @ basis.T, place[:, 2], dim, zorder=1, colors=BLACK, linewidths=0.5)
-    _draw_outlines(axes, wall_edges(frame) @ basis.T, place[:, 2], dim, zorder=50, colors="0.25", linewidths=0.9)
+    _draw_outlines(axes, cell_edges(frame) @ basis.T, position[:, 2], dim, zorder=1, colors=BLACK, linewidths=0.5)
+    _draw_outlines(axes, wall_edges(frame) @ basis.T, position[:, 2], dim, zorder=50, colors="0.25", linewidths=0.9)
     if near:
         rows, c = _nearly_touching(frame), state.contacts
-        _, _, _, *gaps = _split_at_edges(frame, place, c.i[rows], c.j[rows], branch_vectors(state)[rows] @ basis.T)
+        _, _, _, *gaps = _split_at_edges(frame, position, c.i[rows], c.j[rows], branch_vectors(state)[rows] @ basis.T)
         gaps = np.stack(gaps, axis=1)
         if casing:
-            _draw_outlines(axes, gaps, place[:, 2], dim, zorder=2.65, colors="white", linewidths=0.5 + casing)
-        _draw_outlines(axes, gaps, place[:, 2], dim, zorder=49, colors=BLACK, linewidths=0.6, linestyles=":")
+            _draw_outlines(axes, gaps, position[:, 2], dim, zorder=2.65, colors="white", linewidths=0.5 + casing)
+        _draw_outlines(axes, gaps, position[:, 2], dim, zorder=49, colors=BLACK, linewidths=0.6, linestyles=":")
     low, high = view_limits(layout)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal")
@@ -205,7 +205,7 @@ def draw(
     long = 2 * float(state.grains.radius.mean())  # width of the scale bar
     x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
     axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)
-    away = int(outside(place[:, :2], layout.low, layout.high).sum())
+    away = int(outside(position[:, :2], layout.low, layout.high).sum())
     words = " mean diameter" + (f"; {outside_words(away)}" if away else "")
     axes.annotate(words, (x + long, y), va="center", fontsize=rcParams["legend.fontsize"], zorder=70)
     return drawn
@@ -274,17 +274,17 @@ def _segments(axes, start: np.ndarray, ends: np.ndarray, width: np.ndarray, colo
 def draw_orbits(axes, frame: Frame, mode: Mode) -> None:
     """Draw the ellipse along which a mode moves each grain, with an arrow at its start, in front of the grain."""
     basis, radius = view_basis(frame), frame.state.grains.radius.mean()
-    place = wrapped(frame.state) @ basis.T
+    position = wrapped(frame.state) @ basis.T
     u = unit_mode(mode, frame) @ basis.T
     u = (u.conj() if mode[2].imag > 0 else u)[:, :2] * (0.9 * radius / np.abs(unit_mode(mode, frame)).max())
     seen = np.abs(u).max(axis=1) > 0.02 * radius
-    slab = _depth_slabs(place[:, 2], place[:, 2]) if frame.state.cell.dim == 3 else np.zeros(len(place), int)
+    slab = _depth_slabs(position[:, 2], position[:, 2]) if frame.state.cell.dim == 3 else np.zeros(len(position), int)
     for number in np.unique(slab[seen]):
         rows = seen & (slab == number)
-        path = place[rows, None, :2] + (u[rows, None] * ORBIT.conj()[None, :, None]).real
+        path = position[rows, None, :2] + (u[rows, None] * ORBIT.conj()[None, :, None]).real
         axes.add_collection(LineCollection(path, colors=BLACK, linewidths=0.7, zorder=2.8 + number))
         axes.quiver(
-            *place[rows, :2].T, *u[rows].real.T, angles="xy", scale_units="xy", scale=1, color=PURPLE, width=0.005,
+            *position[rows, :2].T, *u[rows].real.T, angles="xy", scale_units="xy", scale=1, color=PURPLE, width=0.005,
             headwidth=4, headlength=4, headaxislength=3.5, zorder=2.9 + number,
         )  # fmt: skip
 

@@ -71,7 +71,7 @@ def _is_enough(net: ForceNetwork) -> bool:
 
 
 def _plane(net: ForceNetwork) -> np.ndarray:
-    """(2, 3) directions to the right and up: x and y of disks, the axes of the least and greatest stress of spheres."""
+    """(2, 3) directions to the right and up: x and y of disks, axes of the smallest and largest stress of spheres."""
     if net.dim == 2:
         return np.eye(3)[:2]
     stress = net.force.T @ net.branch
@@ -130,19 +130,19 @@ def _draw_lengths(axes, chains: ForceChains, pulled: ForceChains | None) -> None
 
 
 def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceChains, plane: np.ndarray) -> None:
-    place = net.position @ plane.T
+    position = net.position @ plane.T
     chained = np.isin(np.arange(len(net.radius)), np.concatenate([*chains.chains, np.zeros(0, int)]))
     if net.dim == 2:
         axes.add_collection(
             EllipseCollection(
-                2 * net.radius, 2 * net.radius, 0 * net.radius, units="xy", offsets=place,
+                2 * net.radius, 2 * net.radius, 0 * net.radius, units="xy", offsets=position,
                 offset_transform=axes.transData, facecolors=np.where(chained, SAND, PALE), edgecolors="0.75",
                 linewidths=0.2, zorder=1,
             )
         )  # fmt: skip
-    start, reach = place[net.pair_i], net.branch @ plane.T
+    start, reach = position[net.pair_i], net.branch @ plane.T
     size, pulls = np.clip(np.abs(net.force_n) / net.mean, 0.1, MOST), net.force_n < 0
-    room = 72 * min(PAGE / 2, HEIGHT / 2) * 0.8 / max(np.ptp(place, axis=0).max(), 2 * net.radius.max())
+    room = 72 * min(PAGE / 2, HEIGHT / 2) * 0.8 / max(np.ptp(position, axis=0).max(), 2 * net.radius.max())
     thick = float(np.clip({2: 0.35, 3: 0.12}[net.dim] * room * np.median(net.radius), 0.15, 1.2))
     grains, inner = len(net.radius), net.inner
     for rows, color, order, name in (
@@ -153,12 +153,12 @@ def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceC
     ):
         ends = [np.stack([start[rows], start[rows] - reach[rows] / 2], axis=1)]  # halves, as images may be far away
         if (other := rows & inner).any():
-            far = place[net.pair_j[other]]
+            far = position[net.pair_j[other]]
             ends.append(np.stack([far, far + reach[other] / 2], axis=1))
         width = thick * np.concatenate([size[rows], size[other]])[: sum(map(len, ends))]
         axes.add_collection(LineCollection(np.concatenate(ends), linewidths=width, colors=color, zorder=order))
         axes.plot([], [], color=color, lw=1.5, label=f"{name}")
-    low, high = (place - net.radius[:, None]).min(axis=0), (place + net.radius[:, None]).max(axis=0)
+    low, high = (position - net.radius[:, None]).min(axis=0), (position + net.radius[:, None]).max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.plot([], [], ls="", marker="o", mfc=SAND, mec="0.6", ms=5, label="grain in a chain") if net.dim == 2 else None
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncol=2, columnspacing=1.0, handlelength=1.2)

@@ -19,7 +19,7 @@ FEW = 10  # number of grains below which all are in view
 APART = 3.0  # gap to the others, in largest diameters, beyond which grains may be out of view
 FAR = 3.0  # distance from the middle half of the grains, in widths of that half, beyond which they also may
 PARTED = 1.3  # distance of the grains of a broken bond, over that at rest, beyond which it is not drawn
-ZOOMS = (0.01, 1000.0)  # least and greatest enlargement
+ZOOMS = (0.01, 1000.0)  # smallest and largest enlargement
 Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`
 DISPLACEMENT = "mode displacement"
 
@@ -95,16 +95,16 @@ def cell_edges(frame: Frame) -> np.ndarray:
     cell = frame.state.cell
     around = np.flatnonzero(cell.periodic)
     corners = np.array([[(m >> k) & 1 for k in range(len(around))] for m in range(2 ** len(around))], float)
-    place = corners.reshape(len(corners), -1) @ cell.vectors[around]
+    position = corners.reshape(len(corners), -1) @ cell.vectors[around]
     pairs = [(m, m | 1 << k) for m in range(len(corners)) for k in range(len(around)) if not m >> k & 1]
-    return place[np.array(pairs, int).reshape(-1, 2)]
+    return position[np.array(pairs, int).reshape(-1, 2)]
 
 
 def wall_edges(frame: Frame) -> np.ndarray:
     """(E, 2, 3) end points of lines that show the walls: squares that span the packing, or lines in two dimensions."""
     state = frame.state
-    place, radius, dim = wrapped(state), state.grains.radius[:, None], state.cell.dim
-    low, high = (place - radius).min(axis=0), (place + radius).max(axis=0)
+    position, radius, dim = wrapped(state), state.grains.radius[:, None], state.cell.dim
+    low, high = (position - radius).min(axis=0), (position + radius).max(axis=0)
     center, half = 0.5 * (low + high), 0.5 * (high - low)
     out = []
     for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
@@ -123,7 +123,7 @@ def wall_edges(frame: Frame) -> np.ndarray:
 
 
 def view_basis(frame: Frame) -> np.ndarray:
-    """(3, 3) unit vectors to the right, up and toward the viewer.
+    """(3, 3) unit vectors to the right, up and towards the viewer.
 
     Three-dimensional packings are viewed obliquely from above.
     """

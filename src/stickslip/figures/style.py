@@ -27,7 +27,7 @@ from ..core.units import current_units, unit_name
 WIDTH, PAGE = 86 / 25.4, 178 / 25.4  # inches, one column and two
 SLIDE, SLIDE_STEP = 2.7, 1.1  # inches, height of the canvas of a figure on a slide, and its growth until panels fit
 # (8 points on it are as large as 22 on a slide 7.5 inches high)
-PANEL, DRAWING = 0.4, 0.9  # inches, least height of a panel on slides, and of a drawing with axes
+PANEL, DRAWING = 0.4, 0.9  # inches, smallest height of a panel on slides, and of a drawing with axes
 LEAST_LABEL = 0.7  # fraction of its size to which a long label is shrunk on slides
 SLIDE_PIXELS = 1920  # width of figures on slides
 SLIDE_MOVIE, SLIDE_DPI = (5.12, 2.88), 250  # canvas of a movie on slides [inches], of 1280 × 720 pixels
@@ -297,11 +297,11 @@ class _MinorFormatter(LogFormatterMathtext):
 def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, middle: bool = True) -> None:
     """Plot a signal, or its envelope if it oscillates too fast for separate lines.
 
-    The envelope is a pale band from the least to the greatest value in each bin; `middle` adds the mean as a line.
+    The envelope is a pale band from the smallest to the largest value in each bin; `middle` adds the mean as a line.
     """
     x, y = np.asarray(x, float), np.asarray(y, float)
-    known = np.isfinite(x) & np.isfinite(y)
-    x, y = x[known], y[known]
+    finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[finite], y[finite]
     bins = max(8, round(axes.get_position().width * axes.figure.get_figwidth() * 72 / BIN))
     turns = _count_turns(y)
     if turns <= bins or x[-1] <= x[0]:

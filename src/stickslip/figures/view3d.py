@@ -256,9 +256,9 @@ def view_box(frames: list[Frame], zoom: Zoom = 1.0) -> np.ndarray:
     """(2, 3) corners of the box shown by the camera: grains that are together, and cells, in all frames."""
     share, places, corners = 0.0 if zoom == "all" else ASIDE, [], []
     for frame in frames:
-        place, radius = wrapped(frame.state), frame.state.grains.radius.max()
-        limits = body_limits(place, 2 * APART * radius, share) + radius * np.array([[-1.0], [1.0]])
-        places.append(place)
+        position, radius = wrapped(frame.state), frame.state.grains.radius.max()
+        limits = body_limits(position, 2 * APART * radius, share) + radius * np.array([[-1.0], [1.0]])
+        places.append(position)
         corners += [*limits, *cell_edges(frame).reshape(-1, 3)]
     return zoomed(np.array([np.min(corners, axis=0), np.max(corners, axis=0)]), np.concatenate(places), zoom)
 

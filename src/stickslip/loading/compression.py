@@ -23,7 +23,7 @@ from .packing import DENSEST, balance, check_radii, frictionless, packing_info, 
 
 LOOSE = {2: 0.72, 3: 0.50}  # packing fractions at the start, below those of random loose packings
 DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, over the smallest radius
-RESOLVED = 1e3  # least force of such a contact over the tolerance
+RESOLVED = 1e3  # smallest force of such a contact over the tolerance
 SHARE = 0.15  # time step over the largest stable one of such a contact
 AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over that of such a contact
 CRITICAL = 4.0  # drag of grains and cell times the time scale
@@ -64,7 +64,7 @@ def compressed(
 
     Grains that do not touch are compressed by a cell whose normal strains follow the stress, σ_xx = σ_yy = σ_zz = p.
     Drag brings them to rest, and Newton's method balances forces and pressure. Friction acts from the first contact on,
-    so that the contact number lies between 2 dim without friction and dim + 1 at large friction, depending on μ and p.
+    so the contact number lies between 2 dim without friction and dim + 1 at large friction, depending on μ and p.
     The inertia of the cell and the drag are chosen such that the pressure is approached without oscillation, at
     inertial numbers near p/k, the pressure over the stiffness of a contact.
 
@@ -394,11 +394,11 @@ def with_machine(state: State, wall: int, stiffness: Positive) -> State:
     (100.0, 0.0)
     """
     require_index(state.n_bodies, wall=wall)
-    pull, control, place = state.control.force[wall], state.control, body_positions(state)[wall]
+    pull, control, position = state.control.force[wall], state.control, body_positions(state)[wall]
     if not pull.any():
         raise ValueError(f"body {wall} has no force to be exerted by a machine: give a wall under a force")
     for axis in np.flatnonzero(pull):
-        control = spring_loaded(control, [wall], [place + pull / stiffness], stiffness, axis=int(axis))
+        control = spring_loaded(control, [wall], [position + pull / stiffness], stiffness, axis=int(axis))
     force = control.force.copy()
     force[wall] = 0.0
     return state._replace(control=control._replace(force=force))

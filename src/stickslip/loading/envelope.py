@@ -23,7 +23,7 @@ from .compression import stopped
 SIZE = 1e-4  # size of a probe, in mean overlaps per diameter
 BALANCED = 1e-7  # residual over the change of forces in a probe
 ROUND_OFF = 1e-15  # round-off of a position, over the width of the cell
-NORMALS = 90  # normals of bands over half a circle, before the least is refined
+NORMALS = 90  # normals of bands over half a circle, before the smallest value is refined
 
 
 @readable
@@ -249,7 +249,7 @@ def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
 
 @readable
 class Localisation(NamedTuple):
-    """Plane of a packing with the least resistance to a shear band: least determinant of the acoustic tensor n·C·n."""
+    """Plane with the lowest resistance to a shear band: smallest determinant of the acoustic tensor n·C·n."""
 
     normal: np.ndarray  # (dim,) of the plane
     determinant: float  # of its acoustic tensor, over that of the isotropic tensor nearest to the elastic moduli [1]
@@ -257,13 +257,13 @@ class Localisation(NamedTuple):
 
 @checked
 def localisation(state: Committed, law: Law) -> Localisation:
-    """Return the plane whose acoustic tensor n_b C_abcd n_d has the least determinant of all orientations.
+    """Return the plane whose acoustic tensor n_b C_abcd n_d has the smallest determinant of all orientations.
 
     C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
     that a band across n may form.
 
-    None of 20,000 random planes of a packing of spheres had a smaller determinant; the least of them was 2e-5 larger
-    (`tests/unit/test_envelope.py`).
+    None of 20,000 random planes of a packing of spheres had a smaller determinant; the smallest of theirs was 2e-5
+    larger (`tests/unit/test_envelope.py`).
 
     Source
     ------

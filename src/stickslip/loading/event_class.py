@@ -20,12 +20,12 @@ from ..solve.spectrum import REAL_BELOW
 from .event_path import TIME_STEP, Judge, Point, displacement
 
 EVENT_RATIO = 8.0  # between the distances from an event at which the spectrum is computed
-VANISHES, STEEPEST = 0.25, 8.0  # least and greatest exponent of a quantity that tends to zero at an event
+VANISHES, STEEPEST = 0.25, 8.0  # smallest and largest exponent of a quantity that tends to zero at an event
 PROBE, TRIED = (
     1e-3,
     10,
 )  # fraction of a strain step for extrapolating forces, and number of contacts tried on the motion ahead
-BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket within which a contact change is sought
+BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, examined for a contact change
 NEAREST, ALMOST = 5, 0.99  # mobilisation above which the most mobilised sticking contacts are also tried
 RUN, SAMPLE = 20_000, 5  # steps of the run in which a growth rate is measured, and between its samples
 LOW, HIGH = 0.01, 0.5  # kinetic energies between which it is measured, over the largest one
@@ -203,7 +203,7 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
     """Exponent p of values ∝ distances^p, as the distances tend to zero, and its standard error.
 
     The nearest three values determine 1/value = α distance^(−p) + β. Where a solution branch ends, or a real part
-    vanishes, both quantities are analytic in the same coordinate, so that the first correction to the power is
+    vanishes, both quantities are analytic in the same coordinate, so the first correction to the power is
     proportional to the values: this is the constant β. The leading effect of another mode that takes over far from the
     event has the same form.
 

@@ -3,8 +3,8 @@
 Forecasts are made from quantities that vanish at the event as a known power of the remaining strain. Near a saddle
 node, the remaining strain is d = A λ² + B λ³ + …, where λ is the smallest real eigenvalue; the second term dominates
 far from it if a contact of stiffness √overlap is about to open. Near the birth of a complex pair, the squared gap
-between two real eigenvalues is linear in the strain. Contacts are predicted to reach the Coulomb limit, or to open, by
-linear extrapolation.
+between two real eigenvalues is linear in the strain. Linear extrapolation predicts when contacts reach the Coulomb
+limit or open.
 """
 
 from collections.abc import Iterator

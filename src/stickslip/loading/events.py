@@ -61,7 +61,7 @@ def find_events(
     law : Law without dashpots; drag is the only dissipation
     to : strain at which the search ends, counted from the given state
     drag : ν in m r̈ = F − m ν ṙ, for translations and rotations, without a default: a complex pair λ grows only if Re λ
-    < (Im λ/ν)², so that the drag is part of the definition of an event. Usual values are 0.2 to 2 over
+    < (Im λ/ν)², so the drag is part of the definition of an event. Usual values are 0.2 to 2 over
     `stable_time_step`, or 0.1 to 1 times the highest frequency [1/time]
     step : largest strain step
     resolution : largest width of a bracket
@@ -103,7 +103,7 @@ def find_events(
             end = f"at strain {search.point.strain:.6g} dynamics did not come to rest"
             break
         if search.fell_apart:
-            end = f"at strain {search.point.strain:.6g} the packing fell apart and no longer bears any load"
+            end = f"at strain {search.point.strain:.6g} the packing fell apart and no longer carries any load"
             break
         report("search for events", goal / to, f"strain {goal:.4g}, {len(search.events)} events")
     steps = StrainStep(*np.array(rows).reshape(-1, len(StrainStep._fields)).T)
@@ -114,7 +114,7 @@ def check_packing(state: State, law: Law) -> None:
     """Raise ValueError for a packing that is not loaded by strain alone, or an unsuitable law."""
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
-        raise ValueError("the packing has walls: events are sought in a periodic cell under shear")
+        raise ValueError("the packing has walls: events can be searched for only in a periodic cell under shear")
     if not state.cell.periodic[:dim].all():
         raise ValueError("the cell of the packing must be periodic in all dimensions")
     acts = (control.force, control.torque, control.gravity, control.spring, control.rate, control.cell_free)
@@ -126,7 +126,8 @@ def check_packing(state: State, law: Law) -> None:
         raise ValueError("the law must not have rescaled=True: its forces have no tangent at an accepted state")
     if law.properties & KEEPS_FORCE:
         raise ValueError(
-            "the law has a memory of forces, but events are sought with slips: use with_memory(law, 'slip')"
+            "the law has a memory of forces, but the search for events requires a memory of slips: use "
+            "with_memory(law, 'slip')"
         )
 
 
@@ -141,7 +142,7 @@ def first_point(state: State, law: Law, drag: float, prune: float, way: Deformat
     """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
     here = commit(state, law)
     if not len(touching(here)):
-        raise ValueError("the packing has no contacts and bears no load: compress it first")
+        raise ValueError("the packing has no contacts and carries no load: compress it first")
     judge = Judge(here, law, drag, prune, way=way)
     end, outcome = equilibrate(here, law, tolerance=BALANCED * judge.force, check="nothing")
     if not outcome.ok:

@@ -64,7 +64,7 @@ class PathStep(NamedTuple):
     tolerated: bool  # the spectrum is unstable, but dynamics stays near this state
     state: State
     bonds: int = 0  # intact bonds
-    bond_share: float = 0.0  # largest share of its strength that a bond bears
+    bond_share: float = 0.0  # largest share of its strength that a bond carries
 
     @property
     def verdict(self) -> str:
@@ -183,8 +183,8 @@ def shear_to_failure(
 
     Each strain step follows the path as `find_events` does: by Newton's method where the path is smooth and stable
     under the drag, and by dynamics with the drag where it is not. Dashpots of the law have no influence on the
-    equilibria; they are ignored until the verdict on the last state. Each step depends only on the previous state, so
-    that a path continued from `kept` is bitwise identical.
+    equilibria; they are ignored until the verdict on the last state. Each step depends only on the previous state, so a
+    path continued from `kept` is bitwise identical.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def shear_to_failure(
     Raises
     ------
     ValueError
-        if the packing is not in equilibrium, bears no load, has walls or no periodic cell, is too large for dense
+        if the packing is not in equilibrium, carries no load, has walls or no periodic cell, is too large for dense
         spectra, or if options do not fit together.
 
     Examples
@@ -234,7 +234,7 @@ def shear_to_failure(
         "first-pair": "without a complex pair", "first-event": "without an event",
         "first-break": "without a broken bond",
     }  # fmt: skip
-    return _conclude(how, law, steps, reason or f"the path ended {names.get(how.until, 'as asked')}", report)
+    return _conclude(how, law, steps, reason or f"the path ended {names.get(how.until, 'as requested')}", report)
 
 
 def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterator[PathStep]:
@@ -253,12 +253,12 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
     """Check a packing and the options of a path, and complete these from the packing."""
     bare = with_values(law, damping_n=0.0, damping_t=0.0) if damping_model(law) else law
     if until == "first-break" and not (state.bonds and state.bonds.intact.any()):
-        raise ValueError("first-break requires intact bonds: packings.bonded makes them")
+        raise ValueError("first-break requires intact bonds: create them with packings.bonded")
     check_packing(state, bare)
     if len(touching(state)) and not len(backbone(state, law)):
-        raise ValueError("all grains of the packing are rattlers, so that it bears no load: compress it first")
+        raise ValueError("all grains of the packing are rattlers, so that it carries no load: compress it first")
     if not len(touching(state)):
-        raise ValueError("the packing has no contacts and bears no load: compress it first")
+        raise ValueError("the packing has no contacts and carries no load: compress it first")
     if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(rest)}; let it come to rest first (--settle)")
     if (size := len(backbone(state, law))) > AT_MOST:
@@ -300,7 +300,7 @@ def _reached(until: str | float, steps: list[PathStep]) -> str:
     """Return the reason why a path ends here; empty if it continues."""
     now = steps[-1]
     if _fell_apart(now):
-        return "the packing fell apart and no longer bears any load"
+        return "the packing fell apart and no longer carries any load"
     if until == "first-pair" and now.pairs:
         return "the packing has a complex pair" + (" where it is" if len(steps) == 1 else "")
     if until == "first-break" and (lost := [row for event in now.events for row in event.broken]):
@@ -375,7 +375,7 @@ def _couples(modes: Spectrum) -> np.ndarray:
 
 
 def _changes(a: Point, b: Point) -> np.ndarray:
-    """(C, 3) contacts that opened, closed, started to slide or stick again; without those that bear no force."""
+    """(C, 3) contacts that opened, closed, started to slide or stick again; without those that carry no force."""
     (old, holds), (new, bears) = (
         ({key: row for row, key in _touching_pairs(p.state)}, p.response.support.contacts) for p in (a, b)
     )

@@ -49,7 +49,7 @@ class Adjustment(NamedTuple):
     rms_force: float  # of all forces
     at_limit: int  # contacts at the Coulomb limit
     moved_to_limit: int  # of these, contacts measured beyond the limit
-    opened: tuple[tuple[int, int], ...]  # grains of contacts without force in balance
+    opened: tuple[tuple[int, int], ...]  # grains of contacts that carry no force in the balanced state
 
     def __str__(self) -> str:
         return (
@@ -113,16 +113,16 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
 
 
 def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None = None, **options) -> Reading:
-    """State in balance nearest to measured forces, see `read_forces`; options of the law as in `read_packing`."""
+    """Balanced state nearest to measured forces, see `read_forces`; options of the law as in `read_packing`."""
     options = {name: value for name, value in options.items() if value not in (None, {})}
     frame = options.pop("frame", None)
     for name in LAMMPS_OPTIONS:
         if name in options:
             raise PackingError(f"{name} does not apply to the measured forces in {path.name}: leave it out")
-    given, own = separate_law(options)
+    given, file_law = separate_law(options)
     measured = read_forces(path, contacts, frame=frame)
     with naming(path):
-        law = own or law_from_options(given)
+        law = file_law or law_from_options(given)
         state, change = from_forces(measured, law)
     notes = [*measured.notes, str(change), mass_note(path.name)] + ([] if options else [law_note(law)])
     as_given, opposite = (np.linalg.norm(_imbalance(measured, sign)[measured.free]) for sign in (1.0, -1.0))
@@ -158,7 +158,7 @@ class _Network(NamedTuple):
         """Network with these contacts open."""
         m, ends = self.measured, self.measured.ends[:, rows]
         if rows.all():
-            raise PackingError("no contact bears a force in balance: mark the grains at the edge as fixed")
+            raise PackingError("no contact carries a force in the balanced state: mark the grains at the edge as fixed")
         sizes = m.force_n / m.force_n_error, _sizes(m.force_t) / m.force_t_error
         lost = np.concatenate(sizes)[np.tile(rows, 2)]
         kept = np.concatenate([np.ones(m.position.size, bool), ~rows, np.repeat(~rows, m.dim - 1)])
@@ -178,9 +178,9 @@ class _Network(NamedTuple):
     def at(self, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions, normal forces and (C, D − 1) components of tangential forces after a change."""
         m, n = self.measured, self.measured.position.size
-        place, force_n, force_t = np.split(change * self.error, [n, n + len(m.force_n)])
+        position, force_n, force_t = np.split(change * self.error, [n, n + len(m.force_n)])
         before = _components(m, _Directions.of(m, m.position))
-        return m.position + place.reshape(-1, m.dim), m.force_n + force_n, before + force_t.reshape(-1, m.dim - 1)
+        return m.position + position.reshape(-1, m.dim), m.force_n + force_n, before + force_t.reshape(-1, m.dim - 1)
 
     def solve(self) -> tuple[np.ndarray, int]:
         """(D (N + C),) smallest balancing change, and the number of equations and active inequalities."""
@@ -204,13 +204,13 @@ class _Network(NamedTuple):
 
     def linearised(self, change: np.ndarray):
         """Matrices A, G and vectors b, h of the linearised equations A z = b and inequalities G z ≥ h at a change."""
-        m, (place, force_n, force_t) = self.measured, self.at(change)
+        m, (position, force_n, force_t) = self.measured, self.at(change)
         force_n, radii, count = np.maximum(force_n, self.least), m.radius[m.ends], len(force_n)
-        to = _Directions.of(m, place)
+        to = _Directions.of(m, position)
         overlap, line = overlap_of_force(self.law, radii, force_n)
         slope = overlap_of_force(self.law, radii, np.maximum(force_n, WEAK * m.force_n.mean()))[1].slope_n
-        steps, spins = _differences(m.ends, m.dim, len(place)), _sums(m)
-        near, far = _separations(place, self.near)
+        steps, spins = _differences(m.ends, m.dim, len(position)), _sums(m)
+        near, far = _separations(position, self.near)
         kept, turning = np.repeat(m.free, m.dim), np.repeat(m.free, spins.shape[0] // len(m.free))
         along, across = _blocks(to.normal[:, None]) @ steps, _blocks(to.across) @ steps
         force, torque = to.force_slopes(force_n, force_t)
@@ -271,14 +271,14 @@ class _Network(NamedTuple):
 
     def result(self, change: np.ndarray, binding: int, density) -> tuple[State, Adjustment]:
         """Balanced state, and the changes made."""
-        m, law, (place, force_n, force_t) = self.measured, self.law, self.at(change)
+        m, law, (position, force_n, force_t) = self.measured, self.law, self.at(change)
         radii, size = m.radius[m.ends], np.linalg.norm(force_t, axis=1)
         overlap, line = overlap_of_force(law, radii, force_n)
-        tangential = _Directions.of(m, place).total(0 * force_n, force_t)
+        tangential = _Directions.of(m, position).total(0 * force_n, force_t)
         slip = slip_of_force(law, radii, overlap, size, line) / np.where(size > 0, size, 1.0)
         slides = size >= (1 - AT_LIMIT) * line.limit
         state = from_arrays(
-            place, m.radius, law, pair_i=m.pair_i, pair_j=m.pair_j, slip=-slip[:, None] * tangential, dim=m.dim,
+            position, m.radius, law, pair_i=m.pair_i, pair_j=m.pair_j, slip=-slip[:, None] * tangential, dim=m.dim,
             mode=np.where(slides, SLIDE, STICK), external_force=m.load, density=density,
         )  # fmt: skip
         held = np.flatnonzero(~m.free)

@@ -26,7 +26,7 @@ SAME_PAIR = 0.5  # overlap of modes above which pairs at neighbouring loads are 
 # M between noise and the first change of the spectrum, where growth is fitted, over the square of the smallest diameter
 WINDOW = (1e-22, 1e-11)
 CHANGED = 0.01  # relative change of Im λ of the fastest pair beyond which the spectrum is not constant
-FUNNEL = (1e-17, 1e-13)  # range of M, likewise, in which single turns of the trajectories are saved for the figure
+FUNNEL = (1e-17, 1e-13)  # range of M, in the same unit, in which single turns of trajectories are saved
 LEAST, DURATION, STEP, VELOCITY = 5e4, 6e5, 0.1, 1e-13  # defaults of `release`, in natural units
 TURN, TURNS = 11, 16  # samples per turn, turns per chunk
 KEPT = 20_000  # samples of a time series that are saved
@@ -142,7 +142,7 @@ def ramp(
 ) -> list[Equilibrium]:
     """Equilibria along a path of loads, each found from the previous one.
 
-    Loads of `aqs` are strains measured from the given state, so that the path starts there at 0 for any tilt of its
+    Loads of `aqs` are strains measured from the given state, so the path starts there at 0 for any tilt of its
     cell; a path whose first load is the strain of its cell continues from there. Other loads are absolute, such as
     forces. A moving state is first brought to rest.
 
@@ -208,8 +208,8 @@ def follow_pair(
     first, last = min(members), max(members)
 
     def same_mode(k):
-        known = path[k].spectrum
-        mode, mass = known.modes[:, members[k]], known.free.mass
+        spectrum = path[k].spectrum
+        mode, mass = spectrum.modes[:, members[k]], spectrum.free.mass
         return lambda s: any(mode_overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pair_indices)
 
     birth = death = None

@@ -4,8 +4,8 @@ A sample at rest under a load is kicked with random velocities and runs freely. 
 given distance under its load within the duration of a run (see `travel`). A run that has slid continues for the same
 duration again. It *lasts* if it moves on by that distance, and by a quarter of it in each quarter of that time;
 otherwise the sample has slid by a limited distance only. Near the threshold, sliding samples stop at random times, so
-that fewer runs last for longer durations. The fractions of both rise with the load; a logistic curve is fitted to each
-by maximum likelihood. Runs have independent random numbers, as the likelihood requires.
+fewer runs last for longer durations. The fractions of both rise with the load; a logistic curve is fitted to each by
+maximum likelihood. Runs have independent random numbers, as the likelihood requires.
 """
 
 from functools import partial
@@ -81,7 +81,7 @@ class KineticThreshold(NamedTuple):
     @property
     def sentences(self) -> list[str]:
         """Thresholds in words."""
-        sentences, slides, lasts = [], f"slide by {self.distance:g}", f"slide on for another {self.duration:g}"
+        sentences, slides, lasts = [], f"slide by {self.distance:g}", f"keep sliding for another {self.duration:g}"
         for k, kick in enumerate(self.kicks):
             rise = _describe_rise(slides, self.threshold[k], self.interval[k], self.probability[:, k])
             if self.slid[:, k].any():
@@ -107,7 +107,7 @@ def _describe_arrest(threshold: KineticThreshold) -> list[str]:
     """Outcome of the ramps down, in words."""
     count, stopped = len(threshold.arrest), np.isfinite(threshold.arrest[:, 0])
     if not count:
-        return [] if threshold.lasting.any() else ["no run slides on, so that the load cannot be lowered"]
+        return [] if threshold.lasting.any() else ["no run keeps sliding, so the load cannot be lowered"]
     lines = []
     if stopped.any():
         low, high = threshold.arrest[stopped, 0].min(), threshold.arrest[stopped, 1].max()
@@ -135,7 +135,7 @@ def kinetic_threshold(
     dt: Positive, loads=None, distance: Positive = SLID, ramps: int = 3, drag: NotNegative = 0.0,
     seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Report = silent,
 ) -> KineticThreshold:  # fmt: skip
-    """Kick the equilibria of a load path and find the loads from which they slide, and slide on.
+    """Kick the equilibria of a load path and find the loads from which they slide, and keep sliding.
 
     The random numbers of each run depend only on the seed, the load, the velocity in natural units and the number of
     the run. Results do not depend on `workers`, nor on units unless the load itself has a unit.
@@ -264,7 +264,7 @@ def _points_at(path: list[Equilibrium], loads) -> list[Equilibrium]:
     places = [int(np.argmin(np.abs(known - load))) for load in wanted]
     if not len(wanted) or not np.abs(known[places] - wanted).max() <= 1e-9 * np.abs(known).max():
         raise ValueError(f"the path does not contain loads = {wanted.tolist()}: it has {known.tolist()}")
-    return [path[place] for place in places]
+    return [path[index] for index in places]
 
 
 def _require_rest(point: Equilibrium, protocol: Protocol) -> None:
@@ -360,7 +360,8 @@ def _describe_run(member) -> str:
     if member.failure:
         return member.failure
     time, lasts = member.result
-    return f"slid after {time:.4g} and {'slides on' if lasts else 'stopped'}" if np.isfinite(time) else "did not slide"
+    end = "keeps sliding" if lasts else "stopped"
+    return f"slid after {time:.4g} and {end}" if np.isfinite(time) else "did not slide"
 
 
 def _kick(state: State, kick: float, seed: int, how: _Dynamics, report: Report) -> np.ndarray:

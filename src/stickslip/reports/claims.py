@@ -100,7 +100,7 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     not refuted
         A statement claimed always to hold, without a counterexample in the cases that were examined.
     undecided
-        Any other number, or one whose error is unknown, as for a single realization; a missing measurement; a "can"
+        Any other number, or one whose error is unknown, as for a single realisation; a missing measurement; a "can"
         statement without an observed instance.
     no reference
         The paper prints nothing to compare with, even if another reference is given.
@@ -218,7 +218,7 @@ def standard_error(values) -> float | None:
     """Standard error of a mean, widened by Student's t for few values.
 
     It is half of the half-width of a 95 % confidence interval. None with fewer than two values, since a single
-    realization has no known error.
+    realisation has no known error.
     """
     if len(values) < 2:
         return None

@@ -129,7 +129,7 @@ def let_settle(state: State, law: Law) -> tuple[State, Settling]:
 def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
     """Return the verdict in one sentence, which mentions settling.
 
-    It depends on notes about actions on the grains that were not taken over, and about missing data.
+    It depends on notes about actions on the grains that were not imported, and about missing data.
     """
     sentence = f"{result.verdict}; {calm}" if calm else result.verdict
     left_out = "; ".join(note.reason for note in notes if isinstance(note, Obstacle))

@@ -330,8 +330,8 @@ def staged_file(path: Path) -> Iterator[Path]:
     with replace_atomically(path) as part:
         yield part
         if _belongs_to_run(path):  # recorded before it exists, so that a killed process does not leave an unknown file
-            known = read_manifest(path.parent)
-            write_manifest(path.parent, known | {path.name: [*known.get(path.name, []), digest(part)]})
+            manifest = read_manifest(path.parent)
+            write_manifest(path.parent, manifest | {path.name: [*manifest.get(path.name, []), digest(part)]})
     if _belongs_to_run(path):
         add_to_manifest(path.parent, path.name)
 

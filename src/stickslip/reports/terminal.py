@@ -158,12 +158,12 @@ def estimate_left(history: list[tuple[float, float]]) -> float | None:
 
 def _plain_progress(transient: bool):
     """Return a function that prints each stage when it starts, and its progress from time to time."""
-    known, last = set(), time.monotonic()
+    announced, last = set(), time.monotonic()
 
     def line(stage: str, share: float, text: str, left: float | None) -> None:
         nonlocal last
-        if stage not in known:
-            known.add(stage)
+        if stage not in announced:
+            announced.add(stage)
             if not transient:
                 last = time.monotonic()
                 console.print(f"{stage} …")

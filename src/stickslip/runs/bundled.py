@@ -49,8 +49,8 @@ def names() -> dict[str, str]:
     >>> names()["column_collapse.toml"]
     'Collapse of a column of disks when a gate is removed'
     """
-    known = sorted(entry.name for entry in FOLDER.iterdir() if not entry.name.startswith(("_", ".")))
-    return {name: _WITHOUT_TEXT.get(name) or _first_sentence(FOLDER / name) for name in known}
+    files = sorted(entry.name for entry in FOLDER.iterdir() if not entry.name.startswith(("_", ".")))
+    return {name: _WITHOUT_TEXT.get(name) or _first_sentence(FOLDER / name) for name in files}
 
 
 def _first_sentence(file: Path) -> str:
@@ -73,11 +73,11 @@ def path(name: str) -> Path:
     ValueError
         If there is no such example; the message lists them.
     """
-    known = names()
-    matches = [example for example in known if name in (example, example.partition(".")[0])]
-    if name in known or len(matches) == 1:
-        return FOLDER / (name if name in known else matches[0])
-    raise ValueError(f"there is no example {name!r}: use {', '.join(matches or known)}")
+    examples = names()
+    matches = [example for example in examples if name in (example, example.partition(".")[0])]
+    if name in examples or len(matches) == 1:
+        return FOLDER / (name if name in examples else matches[0])
+    raise ValueError(f"there is no example {name!r}: use {', '.join(matches or examples)}")
 
 
 @checked
@@ -138,9 +138,11 @@ def _pages() -> dict[str, Path]:
     """Files of the pages of the laboratory and of wings, by name."""
     files = sorted([*PAGES.glob("*.md"), *PAGES.glob("[!_]*/**/*.md")])
     names = [file.relative_to(PAGES).with_suffix("").as_posix() for file in files if file.name != "README.md"]
-    own = [(name, Path(wing.module().__path__[0])) for wing in wings().values() for name in wing.pages]
-    own = [(name, folder) for name, folder in own if name not in names and (folder / f"{name}.md").is_file()]
-    return {name: folder / f"{name}.md" for name, folder in [*((name, PAGES) for name in names), *own]}
+    wing_pages = [(name, Path(wing.module().__path__[0])) for wing in wings().values() for name in wing.pages]
+    wing_pages = [
+        (name, folder) for name, folder in wing_pages if name not in names and (folder / f"{name}.md").is_file()
+    ]
+    return {name: folder / f"{name}.md" for name, folder in [*((name, PAGES) for name in names), *wing_pages]}
 
 
 @checked
@@ -152,12 +154,16 @@ def page(name: str) -> str:
     ValueError
         If there is no such page; the message lists pages with similar names.
     """
-    known = _pages()
-    meant = [name] if name in known else [key for key in known if key.rpartition("/")[2] == name]
+    installed = _pages()
+    meant = [name] if name in installed else [key for key in installed if key.rpartition("/")[2] == name]
     if len(meant) != 1:
-        near = [key for key in known if name.rpartition("/")[2] in key] or get_close_matches(name, known, 3) or known
+        near = (
+            [key for key in installed if name.rpartition("/")[2] in key]
+            or get_close_matches(name, installed, 3)
+            or installed
+        )
         raise ValueError(f"there is no page {name!r}: use {', '.join(near)}")
-    return known[meant[0]].read_text(encoding="utf-8")
+    return installed[meant[0]].read_text(encoding="utf-8")
 
 
 LIBRARIES = ("NumPy", "SciPy", "Numba", "h5py", "Matplotlib")

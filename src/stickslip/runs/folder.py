@@ -160,7 +160,7 @@ def install_results(folder: Path) -> None:
     staging = folder / WRITING
     new = read_manifest(staging)
     for name, digests in new.items():  # each is in the staging folder, or has been moved from there
-        there = any((place / name).is_file() and digest(place / name) in digests for place in (staging, folder))
+        there = any((parent / name).is_file() and digest(parent / name) in digests for parent in (staging, folder))
         if not (there and is_run_file(name)):
             return
     if NUMBERS not in new or SCENARIO not in new:  # not complete, or not written by a run: it replaces nothing
@@ -211,9 +211,9 @@ def write_comparison(folder: Path, scenario: ScenarioBase, draw: Callable, look:
 
 def is_finished(folder: Path, scenario: ScenarioBase) -> bool:
     """Return True if a folder has the results of a scenario."""
-    known = folder / SCENARIO
-    finished = (folder / NUMBERS).is_file() and known.is_file() and not (folder / UNFINISHED).is_dir()
-    return finished and known.read_bytes() == scenario.text.encode()
+    path = folder / SCENARIO
+    finished = (folder / NUMBERS).is_file() and path.is_file() and not (folder / UNFINISHED).is_dir()
+    return finished and path.read_bytes() == scenario.text.encode()
 
 
 def write_numbers(folder: Path, experiment: Experiment, result) -> None:
@@ -237,8 +237,8 @@ def write_reproduction(folder: Path, experiment: Experiment, reproduction, look:
         raise ValueError(f"{experiment.name} does not reproduce a paper")
 
     def of(name: str):
-        own = getattr(paper, name)
-        return own(reproduction) if own else getattr(experiment, name)(reproduction.main)
+        function = getattr(paper, name)
+        return function(reproduction) if function else getattr(experiment, name)(reproduction.main)
 
     failures = of("failures")
     with units_in_use(reproduction.main.scenario.named_units), staged_results(folder, failures=failures) as staging:

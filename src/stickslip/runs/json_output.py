@@ -50,7 +50,7 @@ def describe_run(command: str, folder: Path, result, paths: list[Path], claims=N
     scenario = result.scenario
     pairs = named_measures(experiment_of(scenario), result)
     measures = {name: {"value": value, "unit": unit} for name, (value, unit) in pairs.items()}
-    # the checkpoint remains if results were written although some realizations failed
+    # the checkpoint remains if results were written although some realisations failed
     status = "incomplete" if (folder / UNFINISHED).is_dir() else "finished"
     out = common_fields(command, files=paths, folder=folder, status=status)
     out |= {"scenario": _scenario_entry(scenario), "measures": measures}

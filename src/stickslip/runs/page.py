@@ -230,8 +230,8 @@ def _list_measures(tree: dict, units: dict[str, str]) -> list[list[str]]:
     """List the measures of a run with their units; for archives from earlier versions, all scalars outside states."""
     if not isinstance(saved := tree.get("measures"), dict):
         return _list_scalars(tree, units)
-    known = {name: measure for name, measure in saved.items() if np.isfinite(measure["value"])}
-    shown = {name: in_readable_units([measure["value"]], measure["unit"]) for name, measure in known.items()}
+    finite = {name: measure for name, measure in saved.items() if np.isfinite(measure["value"])}
+    shown = {name: in_readable_units([measure["value"]], measure["unit"]) for name, measure in finite.items()}
     return [[_readable(name), f"{value:.5g}", unit] for name, ((value,), unit) in shown.items()]
 
 
@@ -270,14 +270,14 @@ def _list_scalars(tree: dict, units: dict[str, str], above: str = "") -> list[li
 
 
 def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
-    """Return the last, least and greatest values of each time series."""
+    """Return the last, smallest and largest values of each time series."""
     rows, series = [], series if isinstance(series, dict) else {}
     shape = np.shape(series.get("time", next(iter(series.values()), ())))[:1]
     for name, values in series.items():
         varies = np.shape(values) == shape and values.dtype.kind == "f" and name != "time"
-        known = values[np.isfinite(values)] if varies else ()
-        if len(known):
-            numbers, unit = in_readable_units((known[-1], known.min(), known.max()), units.get(f"series/{name}", ""))
+        finite = values[np.isfinite(values)] if varies else ()
+        if len(finite):
+            numbers, unit = in_readable_units((finite[-1], finite.min(), finite.max()), units.get(f"series/{name}", ""))
             rows.append([_readable(name), *(f"{v:.5g}" for v in numbers), unit])
     return rows
 

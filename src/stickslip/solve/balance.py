@@ -92,7 +92,7 @@ def imbalance(state: State, law: Law) -> float:
 
     For each body, |F_n| is averaged over the contacts of its connected group of grains (for rattlers and held bodies,
     over all contacts), so that strong forces in one group do not hide an imbalance in a weaker one. Rattlers and held
-    bodies do not connect others. The result is zero if no force acts, and infinite if forces act but no contact bears
+    bodies do not connect others. The result is zero if no force acts, and infinite if forces act but no contact carries
     them. If the cell is free, the largest difference between its stress and the imposed stress, over the larger of the
     two, is also included.
 
@@ -172,7 +172,7 @@ def motion_imbalance(here: LinearisedState) -> float:
 
 
 def _speeds(here: LinearisedState) -> np.ndarray:
-    """(N,) speeds of grains: of their centers, or relative to a neighbor at the contact if larger; 0 for rattlers.
+    """(N,) speeds of grains: of their centres, or relative to a neighbour at the contact if larger; 0 for rattlers.
 
     Spin about the normal of a contact causes no motion there. Velocities are relative to their mean if nothing holds
     the grains in place; velocities of walls and of the cell are ignored.
@@ -202,7 +202,7 @@ def _ratio(part: float, whole: float) -> float:
 def no_equilibrium_message(residual: float, moves: float = 0.0) -> str:
     """Message given in place of a verdict if the state is not in equilibrium."""
     share = f"residual {_percent(residual)} of the mean contact force"
-    reason = share if np.isfinite(residual) else "no contact bears the acting forces"
+    reason = share if np.isfinite(residual) else "no contact carries the acting forces"
     if residual <= BALANCED_BELOW < moves:
         reason = f"the grains move, which changes forces by {_percent(moves)} of the mean contact force"
     return f"not in equilibrium ({reason}): stability cannot be judged"
@@ -271,10 +271,10 @@ def _load_causes(here: LinearisedState) -> list[str]:
     loose = np.abs(force).max(axis=1) > small
     if not loose.any() and (np.abs(torque) > small).any():
         causes.append(_torque_cause(here.law))
-    place, radius = state.grains.position[free], state.grains.radius[free]
+    position, radius = state.grains.position[free], state.grains.radius[free]
     for axis in np.flatnonzero(~state.cell.periodic[: state.cell.dim]) if 0 < loose.mean() <= 0.7 else ():
         for side, edge in ((-1.0, "lowest"), (1.0, "highest")):
-            height = side * place[:, axis] + radius
+            height = side * position[:, axis] + radius
             if (height[loose] > height.max() - 0.5 * radius[loose]).all():
                 causes.append(
                     f"a wall: the {loose.sum()} grains with unbalanced forces are the {edge} along {'xyz'[axis]}"
@@ -309,13 +309,13 @@ def _precision_loss(state: State) -> tuple[str, float]:
 
     Positions do not count as truncated if they have all digits of double precision, or are all whole numbers.
     """
-    place = state.grains.position
-    largest = max(float(np.abs(place).max()), 1e-30)
+    position = state.grains.position
+    largest = max(float(np.abs(position).max()), 1e-30)
     whole = int(np.ceil(np.log10(largest)))
     for decimals in range(DIGITS - whole):
-        if np.abs(place - np.round(place, decimals)).max() <= 10.0 ** (whole - DIGITS - 1):
+        if np.abs(position - np.round(position, decimals)).max() <= 10.0 ** (whole - DIGITS - 1):
             return f"end at {decimals} decimals", 10.0**-decimals if decimals else 0.0
-    if np.array_equal(place, place.astype(np.float32)):
+    if np.array_equal(position, position.astype(np.float32)):
         return "are in single precision", largest * float(np.finfo(np.float32).eps)
     return "", 0.0
 

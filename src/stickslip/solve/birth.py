@@ -49,7 +49,7 @@ from .stability import DENSE_UP_TO, stability
 
 NEAR_BIRTH = 1 / 3  # largest |q|/|p| of a pair near its birth
 MOST_DETUNED = 0.5  # relative change of β if the second harmonic grows with the pair
-PHASES = 24  # points per period of the mode at which the first limit is sought
+PHASES = 24  # points per period of the mode that are examined for the first limit
 LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # factor between amplitudes of this search, its accuracy, its first amplitude
 AFTER = 1.5  # largest amplitude of the harmonic balance, over that at which a contact is lost in linear growth
 TIMES = 32  # points of a period in the harmonic balance; harmonics up to a third of it
@@ -102,7 +102,7 @@ class BirthForm(NamedTuple):
 
     eigenvalue: complex  # λ_r + iλ_i [1/time²]
     frequency: float  # Re √λ, near the birth ω = √λ_r [1/time]
-    growth_rate: float  # |Im √λ| of infinitesimal amplitudes, near the birth σ = λ_i/(2ω) [1/time]
+    growth_rate: float  # |Im √λ| at infinitesimal amplitude; near the birth σ = λ_i/(2ω) [1/time]
     nearness: float  # 0 at the birth, 1 for a circular mode; the form is valid near the birth
     beta: float  # cubic coefficient β [1/(amplitude time)²]
     bare: float  # β without slaved modes

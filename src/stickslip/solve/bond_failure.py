@@ -70,7 +70,7 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
     """First bond to break under a strain or a stress that grows in proportion, in the linear response of the packing.
 
     The loads of bonds change linearly with the amount, by the Jacobian, each contact held in its mode. Load over
-    strength is a convex function of the amount, so that a bond reaches its strength at most once. The amount is
+    strength is a convex function of the amount, so a bond reaches its strength at most once. The amount is
     accurate if it is so small that few contacts open, close or slide before it is reached: it agreed with steps of
     `equilibrate` to 0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`). Bonds
     that fade soften before they break: they break earlier, by a quarter and more, and others may do so first.
@@ -121,7 +121,7 @@ def strain_for(moduli: ElasticModuli, stress: np.ndarray) -> np.ndarray:
     pairs, stiffness = VOIGT[moduli.dim], moduli.voigt
     if not np.linalg.cond(stiffness) < 1e12:
         raise ValueError(
-            "the stress does not determine the strain, as some strain changes no stress: give the strain instead"
+            "the stress does not determine the strain, because some strains cause no stress: give the strain instead"
         )
     solved = np.linalg.solve(stiffness, -np.array([stress[pair] for pair in pairs]))
     out = np.zeros((moduli.dim,) * 2)
@@ -135,9 +135,9 @@ def break_along(here: LinearisedState, moduli: ElasticModuli, strain: np.ndarray
     state, bonds, wide = here.state, here.state.bonds, np.zeros((3, 3))
     wide[: moduli.dim, : moduli.dim] = strain
     moved = moduli.free.spread(np.einsum("nab,ab->n", moduli.motion, strain))
-    known = bond_limits(state, bond_motions(state, moved, wide))
+    limits = bond_limits(state, bond_motions(state, moved, wide))
     loose = unsupported_grains(state, here.law)  # without load on their bonds
-    amount, failure = bond_crossings(bonds, known.load, known.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
+    amount, failure = bond_crossings(bonds, limits.load, limits.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
     return FirstBreak(amount, failure, bonds.i, bonds.j, strain, -np.einsum("abcd,cd->ab", moduli.tensor, strain))
 
 

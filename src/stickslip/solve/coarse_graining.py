@@ -32,7 +32,7 @@ def coarse_grained(state: State, law: Law, *, width: Positive, spacing: Positive
     fraction is the same sum of grain volumes, and the velocity is Σ m v φ/density. `stress` is Σ f ⊗ r ∫ φ(x − x_i + s
     r) ds over 0 < s < 1 and contacts, with the force f on i and the branch vector r (at a wall up to its surface).
     `kinetic_stress` is Σ m v ⊗ v φ − density × velocity ⊗ velocity. Sums include periodic images. The cell is divided
-    into equal parts, whose centers are the grid points.
+    into equal parts, whose centres are the grid points.
 
     Parameters
     ----------
@@ -112,9 +112,9 @@ def _contact_sources(state: State, law: Law, width: float) -> tuple[np.ndarray, 
     rows = touching(state)
     branch, force = branch_vectors(state)[rows], contact_forces(state, law)[rows]
     longest = np.linalg.norm(branch, axis=1).max(initial=0.0)
-    place, weight = np.polynomial.legendre.leggauss(4 + int(np.ceil(3 * longest / width)))
+    node, weight = np.polynomial.legendre.leggauss(4 + int(np.ceil(3 * longest / width)))
     start = state.grains.position[state.contacts.i[rows]]
-    points = start[:, None] - (0.5 + 0.5 * place)[:, None] * branch[:, None]
+    points = start[:, None] - (0.5 + 0.5 * node)[:, None] * branch[:, None]
     values = 0.5 * weight[:, None] * _outer(force, branch)[:, None]
     return points.reshape(-1, 3), values.reshape(-1, 9)
 

@@ -38,7 +38,7 @@ from .spectrum import soft_modes, symmetric_part_is_positive
 BALANCED = 5e-14  # default tolerance, in natural units of force
 # residuals over the mean normal force at which Newton's method is tried again after damped dynamics
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
-SHARES = (3e-1, 1e-2, 3e-4)  # likewise, over the residual at which Newton's method stalled
+SHARES = (3e-1, 1e-2, 3e-4)  # the same, over the residual at which Newton's method stalled
 FEW = 3000  # steps of damped dynamics in a stage before it starts again from the beginning of the step
 PATIENCE = (8, 1)  # in small and in large systems, see `patience_for`
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow

@@ -1,6 +1,6 @@
 """Fastest growing complex pair of a large system: the bottom of the spectrum, then random probes above.
 
-Growth is g = |Im √λ| ≈ Im λ/(2√λ), so that pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
+Growth is g = |Im √λ| ≈ Im λ/(2√λ), so pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
 modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
 modes are searched by tangent dynamics, see `solve.probes`. Where factors do not fit into memory, the probes search the
 whole spectrum.
@@ -165,18 +165,18 @@ class KrylovSubspace:
         V, H = np.empty((len(self.next), size), order="F"), np.zeros((size, size))
         V[:, :old], H[:old, :old] = self.basis, self.projection
         for k in range(old, size, BLOCK):
-            own = slice(k, k + BLOCK)
-            V[:, own] = self.next
+            block = slice(k, k + BLOCK)
+            V[:, block] = self.next
             if k:
-                H[own, k - BLOCK : k] = self.last
-            known = V[:, : k + BLOCK]
+                H[block, k - BLOCK : k] = self.last
+            basis = V[:, : k + BLOCK]
             image = self.apply(self.next)
-            H[: k + BLOCK, own] = known.T @ image
-            q, r = np.linalg.qr(image - known @ H[: k + BLOCK, own])
+            H[: k + BLOCK, block] = basis.T @ image
+            q, r = np.linalg.qr(image - basis @ H[: k + BLOCK, block])
             # also if the subspace is exhausted and q consists of round-off
-            again = known.T @ q
-            H[: k + BLOCK, own] += again @ r
-            self.next, r_again = np.linalg.qr(q - known @ again)
+            again = basis.T @ q
+            H[: k + BLOCK, block] += again @ r
+            self.next, r_again = np.linalg.qr(q - basis @ again)
             self.last = r_again @ r
         self.basis, self.projection = V, H
         return V, H, self.last
@@ -284,9 +284,11 @@ def fastest_pair(
 
     Parameters
     ----------
-    amplification : float, exponent gT up to which modes are sought; at 1.4, real doublets look like pairs, and the
-        ranking is wrong
-    rate : float, slowest growth rate sought above the bottom [1/time]; the run time is inversely proportional to it
+    amplification : float, exponent gT at which the search for modes ends; at 1.4, real doublets look like pairs, and
+        the ranking is wrong
+    rate : float, slowest growth rate that the search above the bottom covers [1/time]; the run time is inversely
+    proportional to
+    it
     probes : int, number of random initial vectors, rounded up to a multiple of 16; a mode is missed if all of them
         excite it weakly
     report : called as report(stage, share done, text)

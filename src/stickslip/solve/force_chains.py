@@ -19,7 +19,7 @@ from ..core.readable import readable
 from ..core.state import State
 
 ANGLE = 45.0  # largest angle between a chain and the stress of its grains [degrees]
-SHORTEST = 3  # least number of grains in a chain
+SHORTEST = 3  # smallest number of grains in a chain
 Source = State | Annotated[Any, Result("MeasuredForces", ("position", "pair_i", "force_n", "force_t"))]
 
 
@@ -60,7 +60,7 @@ class ForceNetwork(NamedTuple):
 
 @readable
 class ForceChains(NamedTuple):
-    """Chains of grains that bear more than the mean, and their lengths."""
+    """Chains of grains that carry more than the mean, and their lengths."""
 
     chains: list[np.ndarray]  # grains of each in their order, longest first
     lengths: np.ndarray  # (K,) number of grains of each
@@ -88,12 +88,12 @@ class Anisotropy(NamedTuple):
     tangential: float  # a_t
     contact_axis: np.ndarray  # (3,) direction in which most contacts point
     normal_axis: np.ndarray  # (3,) direction of the largest normal forces
-    deviator: float  # deviator of their stress, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p in space
+    deviator: float  # deviator of their stress, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p in three dimensions
     dim: int
 
     @property
     def predicted_deviator(self) -> float:
-        """(a_c + a_n + a_t)/2 in a plane, 2 (a_c + a_n + 3 a_t/2)/5 in space, if all have the same axes."""
+        """(a_c + a_n + a_t)/2 in a plane, 2 (a_c + a_n + 3 a_t/2)/5 in three dimensions, if all have the same axes."""
         a_c, a_n, a_t = self.contacts, self.normal, self.tangential
         return (a_c + a_n + a_t) / 2 if self.dim == 2 else 0.4 * (a_c + a_n + 1.5 * a_t)
 
@@ -131,18 +131,18 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
         raise ValueError("measured forces need no law: leave it out")
     m = source
     m.check_entries()
-    place = np.pad(m.position, ((0, 0), (0, 3 - m.position.shape[1])))
-    branch = place[m.pair_i] - place[m.pair_j]
+    position = np.pad(m.position, ((0, 0), (0, 3 - m.position.shape[1])))
+    branch = position[m.pair_i] - position[m.pair_j]
     normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
     across = m.force_t if m.force_t.ndim == 2 else m.force_t[:, None] * np.cross(normal, [0.0, 0.0, 1.0])
     force = m.force_n[:, None] * normal + across
-    return ForceNetwork(m.dim, place, m.radius, m.pair_i, m.pair_j, branch, normal, force, m.force_n)
+    return ForceNetwork(m.dim, position, m.radius, m.pair_i, m.pair_j, branch, normal, force, m.force_n)
 
 
 @checked
 @knows_bonds
 def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE, tension: bool = False) -> ForceChains:
-    """Force chains: rows of three or more grains, each of which bears more than the mean and passes it on.
+    """Force chains: rows of three or more grains, each of which carries more than the mean and passes it on.
 
     A grain is loaded if the largest principal value σ₁ of its Σ f ⊗ r is above the mean over grains with contacts, in
     which negative values count as zero. On each side of it, the next grain is the loaded one that pushes it in the
@@ -176,7 +176,7 @@ def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE
     n, c = len(net.radius), net.inner
     first, second = net.pair_i, np.where(c, net.pair_j, 0)
     moment = np.zeros((n, 3, 3))
-    arm = net.radius[first][:, None] * net.normal  # from the contact to the center of i
+    arm = net.radius[first][:, None] * net.normal  # from the contact to the centre of i
     np.add.at(moment, first, net.force[:, :, None] * arm[:, None])
     other = net.radius[second][:, None] * net.normal
     np.add.at(moment, second[c], net.force[c][:, :, None] * other[c][:, None])
@@ -226,7 +226,7 @@ def _paths(n: int, i: np.ndarray, j: np.ndarray) -> list[np.ndarray]:
 def strong_network(source: Source, law: Law | None = None, *, tension: bool = False) -> StrongNetwork:
     """Contacts with a normal force above the mean, and the largest cluster of grains that they join.
 
-    The mean, and the pressure of which they bear a share, are those of the contacts that do not pull.
+    The mean, and the pressure of which they carry a share, are those of the contacts that do not pull.
 
     Parameters
     ----------
@@ -266,9 +266,9 @@ def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
     """Anisotropies a_c, a_n, a_t of contact directions, normal and tangential forces, from second-order tensors.
 
     In a plane, the frequency of contacts is proportional to 1 + a_c cos 2(θ − θ_c), their mean normal force is f₀ (1 +
-    a_n cos 2(θ − θ_n)), and their mean tangential force is f₀ a_t sin 2(θ − θ_t). In space, with unit vectors n, these
-    are 1 + n·A n and so on, and a is √(3/2) |A|. a_t is negative if tangential forces reduce the deviator of the
-    stress. Only contacts between grains count.
+    a_n cos 2(θ − θ_n)), and their mean tangential force is f₀ a_t sin 2(θ − θ_t). In three dimensions, with unit
+    vectors n, these are 1 + n·A n and so on, and a is √(3/2) |A|. a_t is negative if tangential forces reduce the
+    deviator of the stress. Only contacts between grains count.
 
     Parameters
     ----------
@@ -276,7 +276,8 @@ def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
 
     Source
     ------
-    Rothenburg & Bathurst, doi:10.1680/geot.1989.39.4.601; in space Guo & Zhao, doi:10.1016/j.compgeo.2012.07.001.
+    Rothenburg & Bathurst, doi:10.1680/geot.1989.39.4.601; in three dimensions Guo & Zhao,
+    doi:10.1016/j.compgeo.2012.07.001.
 
     Examples
     --------
@@ -318,7 +319,7 @@ def _deviator(tensor: np.ndarray) -> np.ndarray:
 
 
 def _size(deviator: np.ndarray) -> float:
-    """Largest principal value in a plane, √(3/2) of the norm in space."""
+    """Largest principal value in a plane, √(3/2) of the norm in three dimensions."""
     return float(np.sqrt((deviator**2).sum() * (0.5 if len(deviator) == 2 else 1.5)))
 
 

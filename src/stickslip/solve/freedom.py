@@ -213,8 +213,8 @@ def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):
     geometry, places = (changed @ incidence(state, count, free).T).toarray(), free.place[-9:]
     swells = places[[0, 4, 8]]
     geometry[:, swells[swells >= 0]] -= (volume(state) / free.length**2 * state.control.stress).reshape(9, 1)
-    own = np.flatnonzero(places >= 0)
-    lift = sparse.csr_array((np.ones(len(own)), (places[own], own)), shape=(len(free), 9))
+    cell = np.flatnonzero(places >= 0)
+    lift = sparse.csr_array((np.ones(len(cell)), (places[cell], cell)), shape=(len(free), 9))
     return sparse.csr_array(lift @ sparse.csr_array(geometry))
 
 

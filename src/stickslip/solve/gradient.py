@@ -52,7 +52,7 @@ class Gradient(NamedTuple):
     by_radius: np.ndarray  # (N,) complex, by radii at constant M, with relaxed grains and slips
     by_parameter: dict[str, complex]  # by nonzero parameters common to all materials, with relaxed grains
     by_position: np.ndarray  # (N + W, 3) complex, by positions at given slips: effect of measurement errors
-    by_contact: np.ndarray  # (C, 3) complex, likewise by the vector r_i − r_j of each pair in the list
+    by_contact: np.ndarray  # (C, 3) complex, the same by the vector r_i − r_j of each pair in the list
     damped: bool = False  # whether the value is s of motions exp(st)
 
     @property
@@ -372,7 +372,7 @@ def _deciding_mode(here: LinearisedState) -> _Mode:
 def deciding_vectors(here: LinearisedState) -> tuple[complex, np.ndarray, np.ndarray]:
     """λ that grows fastest or, if none grows, the softest, with modes u and v such that dλ = uᵀ dA' v.
 
-    A' = −A is the mass-weighted J. Translations and floppy modes, λ = 0, do not count.
+    A' = −A is the mass-weighted J. Translations and floppy modes (λ = 0) are excluded.
     """
     free = here.backbone
     with suitable_threads(len(free)):

@@ -20,8 +20,8 @@ from .freedom import Freedom, displaced, residual_vector, resized, stiffness_of
 from .gradient import STENCIL
 from .moduli import elastic_moduli, solve_resisted
 
-FEWEST, GRAINS = 5, 10  # least numbers of rings in a fit, and of grains in a ring
-MANY = 10  # least number of centers whose scatter gives the errors; with fewer, sectors are used
+FEWEST, GRAINS = 5, 10  # smallest numbers of rings in a fit, and of grains in a ring
+MANY = 10  # smallest number of centres whose scatter gives the errors; with fewer, sectors are used
 STRONG = 6.0  # smallest significant difference of AICc: a likelihood ratio of 20
 CONFIDENCE = 0.95  # confidence of intervals
 ELASTIC_BELOW = 1e-6  # |κ| r below which the functions of elasticity are used
@@ -36,15 +36,15 @@ INNER = 2.0  # inner radius of a fit, in mean diameters
 
 @readable
 class Rings(NamedTuple):
-    """Mean displacements in rings around a center, in shells in three dimensions."""
+    """Mean displacements in rings around a centre, in shells in three dimensions."""
 
     radius: np.ndarray  # (Q,) [length]
     spread: np.ndarray  # (Q,) standard deviation of the distances in each [length]
     mean: np.ndarray  # (k, Q) radial and, in the plane (k = 2), tangential displacement [length]
-    error: np.ndarray  # (k, Q) standard errors: scatter in the ring, enlarged because neighbors move together [length]
+    error: np.ndarray  # (k, Q) standard errors: scatter in the ring, enlarged because neighbours move together [length]
     covariance: np.ndarray  # (kQ, kQ) of `mean.ravel()`, from the scatter between parts [length²]
     count: np.ndarray  # (Q,) displacements in each ring
-    parts: int  # independent parts whose scatter is the error: centers, or sectors around them
+    parts: int  # independent parts whose scatter is the error: centres, or sectors around them
 
 
 @readable
@@ -109,7 +109,7 @@ class ScreeningFits(NamedTuple):
 
 
 def rings_of(offset, components, counted, width: float, within: tuple[float, float]) -> Rings:
-    """Means over rings of a given width between two distances; errors follow from the scatter of centers or sectors.
+    """Means over rings of a given width between two distances; errors follow from the scatter of centres or sectors.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def rings_of(offset, components, counted, width: float, within: tuple[float, flo
     if full.sum() < FEWEST:
         raise ValueError(
             f"{full.sum()} rings of width {width:.3g} between the distances {within[0]:.3g} and {within[1]:.3g} have "
-            f"{GRAINS} grains: a fit needs {FEWEST}; use a larger packing or more centers"
+            f"{GRAINS} grains: a fit needs {FEWEST}; use a larger packing or more centres"
         )
     counted[counted] = full[ring[counted].astype(int)]
     ring = (np.cumsum(full) - 1)[ring[counted].astype(int)]
@@ -135,7 +135,7 @@ def rings_of(offset, components, counted, width: float, within: tuple[float, flo
 
 
 def _parts(offset: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, int]:
-    """Independent part of each counted displacement, its center or one of eight sectors, and the number of parts."""
+    """Independent part of each counted displacement, its centre or one of eight sectors, and the number of parts."""
     center = np.broadcast_to(np.arange(len(offset))[:, None], counted.shape)[counted]
     if len(offset) >= MANY:
         return center, len(offset)
@@ -151,8 +151,8 @@ def _ring_means(ring: np.ndarray, values: list[np.ndarray], part: np.ndarray, pa
     means = np.array([np.bincount(ring, value) / count for value in values])
     deviations = np.array(values) - means[:, ring]
     variance = np.array([np.bincount(ring, deviation**2) / count for deviation in deviations])
-    place = part * len(count) + ring
-    sums = [np.bincount(place, deviation, parts * len(count)).reshape(parts, -1) / count for deviation in deviations]
+    index = part * len(count) + ring
+    sums = [np.bincount(index, deviation, parts * len(count)).reshape(parts, -1) / count for deviation in deviations]
     apart = np.hstack(sums[1:])
     covariance = apart.T @ apart * parts / (parts - 1)
     naive = (variance[1:] + ROUND_OFF**2 * np.square(values[1]).mean()) / count
@@ -200,7 +200,7 @@ def _solve(screening: complex, rings: Rings) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _minimum(rings: Rings, unknowns: int) -> tuple[np.ndarray, np.ndarray]:
-    """κ² (its real and imaginary part, as far as unknown), and residuals, of the best fit from many starts.
+    """κ² (those of its real and imaginary parts that are unknown), and residuals, of the best fit from many starts.
 
     Waves are not shorter than four rings.
     """
@@ -256,11 +256,11 @@ class Inflation(NamedTuple):
 
     growth: float  # relative growth of their radii
     centers: np.ndarray  # (M,) inflated grains
-    offset: np.ndarray  # (M, N, dim) initial position of the nearest image relative to the center [length]
+    offset: np.ndarray  # (M, N, dim) initial position of the nearest image relative to the centre [length]
     displacement: np.ndarray  # (M, N, dim) without its mean if nothing holds the packing in place [length]
     counted: np.ndarray  # (M, N) counted grains: free, not rattlers, not inflated
     diameter: float  # mean [length]
-    outer: float  # distance up to which circles or spheres around all centers are whole [length]
+    outer: float  # distance up to which circles or spheres around all centres are whole [length]
     volume: float  # volume of the periodic cell; NaN if grains are held, or there are walls or open sides
     lame: np.ndarray  # (M,) A of u_r = A/r^(dim−1) + B r from moduli and change of pressure; NaN as above [length^dim]
     states: list[State]  # at the end of quasi-static steps; none in linear response
@@ -273,7 +273,7 @@ class Inflation(NamedTuple):
 
     @property
     def components(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(M, N) distance from the center, radial displacement and, in the plane, tangential, else zero [length]."""
+        """(M, N) distance from the centre, radial displacement and, in the plane, tangential, else zero [length]."""
         distance = np.linalg.norm(self.offset, axis=2)
         n, u = self.offset / np.where(distance == 0, 1.0, distance)[..., None], self.displacement
         turning = n[..., 0] * u[..., 1] - n[..., 1] * u[..., 0] if self.dim == 2 else np.zeros_like(distance)
@@ -288,8 +288,8 @@ class Inflation(NamedTuple):
         """Fits of elasticity and of screening to means over rings, and their comparison; see `ScreeningFits`.
 
         Rings are a mean diameter wide, shells in three dimensions half of it. Their errors follow from the scatter
-        between centers if there are at least ten, otherwise between eight equal sectors around each, so that they are
-        valid although neighbors move together.
+        between centres if there are at least ten, otherwise between eight equal sectors around each, so they are
+        valid although neighbours move together.
 
         Parameters
         ----------
@@ -317,14 +317,14 @@ def inflate(
 
     In an isotropic elastic body the mean of u_r over a circle or sphere is A/r^(dim−1) + B r (Lamé). In a periodic cell
     of area or volume V, B = −πA/V or −4πA/3V, and A = M/(2π(K + G)) or M/(4π(K + 4G/3)), with the force dipole M =
-    V ΔP for the change ΔP of the pressure of the packing, which includes the response of the neighbors.
+    V ΔP for the change ΔP of the pressure of the packing, which includes the response of the neighbours.
 
     Parameters
     ----------
     grain : number of the grain, or of several, each inflated alone, whose displacements are averaged; default: the
         grain nearest to the middle. One factorisation serves all of them
     growth : relative change of the radius, so small that no contact opens, closes or begins to slide
-    within : distance from the given center within which other grains grow with it [length]
+    within : distance from the given centre within which other grains grow with it [length]
 
     Raises
     ------
@@ -364,14 +364,14 @@ def inflate(
 
 
 def inflated_grains(here: LinearisedState, grain, growth: float, within: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centers (M,), and masks of the grains that grow with each, (M, N) bool; ValueError if they cannot."""
+    """Centres (M,), and masks of the grains that grow with each, (M, N) bool; ValueError if they cannot."""
     state, n, moves = here.state, len(here.loose), _moves(here)
     if not (-1 < growth <= 1 and abs(growth) >= LEAST):
         raise ValueError(f"growth must be above −1 and at most 1, and at least {LEAST:g} in size, got {growth:g}")
     if state.control.cell_free.any():
         raise ValueError("the cell follows a stress: hold it while a grain is inflated")
     if not moves.any():
-        raise ValueError("no free grain is held by contacts: an inflation needs grains that bear forces")
+        raise ValueError("no free grain is held by contacts: an inflation needs grains that carry forces")
     if grain is None:
         away = np.linalg.norm(_offsets(state, _middle(state)[None])[0], axis=1)
         grain = np.where(moves, away, np.inf).argmin()
@@ -382,7 +382,7 @@ def inflated_grains(here: LinearisedState, grain, growth: float, within: float) 
         raise ValueError(f"only grains, 0 to {n - 1}, can be inflated, but body {worst} is a wall")
     for worst in centers[~moves[centers]]:
         kind = "a rattler" if here.loose[worst] else "held in place"
-        raise ValueError(f"grain {worst} is {kind}: inflate a free grain that bears forces")
+        raise ValueError(f"grain {worst} is {kind}: inflate a free grain that carries forces")
     size = 100.0 * len(centers) * n
     require_sizes([Size(f"{len(centers)} inflations of {n} grains take", size, "bytes", "inflate fewer grains")])
     grown = np.linalg.norm(_offsets(state, state.grains.position[centers]), axis=2) <= within
@@ -423,13 +423,13 @@ def _offsets(state: State, points: np.ndarray) -> np.ndarray:
 
 def _middle(state: State) -> np.ndarray:
     """(3,) middle of the cell, along axes that are not periodic that of the grains [length]."""
-    place = state.grains.position
-    middle = (place.min(axis=0) + place.max(axis=0)) / 2
+    position = state.grains.position
+    middle = (position.min(axis=0) + position.max(axis=0)) / 2
     return np.where(state.cell.periodic, state.cell.vectors.sum(axis=0) / 2, middle)
 
 
 def _distance_to_boundary(state: State, center: int, offset: np.ndarray) -> float:
-    """Radius of the largest circle or sphere around a center that is in the cell, among free grains [length]."""
+    """Radius of the largest circle or sphere around a centre that is in the cell, among free grains [length]."""
     dim, from_center = state.cell.dim, state.grains.position - state.grains.position[center]
     height = 1 / np.linalg.norm(np.linalg.inv(state.cell.vectors), axis=0)
     sides = np.where(state.cell.periodic, height / 2, np.minimum(from_center.max(axis=0), -from_center.min(axis=0)))

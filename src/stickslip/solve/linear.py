@@ -2,7 +2,7 @@
 
 Multifrontal factors are those of the dynamical matrix, ordered by nested dissection of the grains. A box of grains is
 divided into two halves, and the grains of one half that touch the other are eliminated last, at every level. The
-remainder of each part is a dense matrix, so that nearly all work is done by BLAS. From a few thousand spheres on,
+remainder of each part is a dense matrix, so nearly all work is done by BLAS. From a few thousand spheres on,
 factors take less time than SuperLU's. The same fronts count the eigenvalues of a symmetric matrix below a shift.
 """
 
@@ -141,16 +141,16 @@ def block_diagonal_solve(matrix, groups: np.ndarray) -> Solve:
     """
     starts = np.flatnonzero(np.diff(groups, prepend=-1))
     block = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(groups)))
-    place = np.arange(len(groups)) - starts[block]
+    offset = np.arange(len(groups)) - starts[block]
     rows = np.repeat(np.arange(len(groups)), np.diff(matrix.indptr))
     inside = np.flatnonzero(block[rows] == block[matrix.indices])
     rows, cols = rows[inside], matrix.indices[inside]
-    width = int(place.max(initial=0)) + 1
+    width = int(offset.max(initial=0)) + 1
     blocks = np.zeros((len(starts), width, width))
     blocks[:, np.arange(width), np.arange(width)] = 1.0
-    blocks[block, place, place] = 1e-9 * np.abs(matrix.data).max(initial=0.0)  # regular even without a contact
-    np.add.at(blocks, (block[rows], place[rows], place[cols]), matrix.data[inside])
-    inverse, slot = np.linalg.inv(blocks), width * block + place
+    blocks[block, offset, offset] = 1e-9 * np.abs(matrix.data).max(initial=0.0)  # regular even without a contact
+    np.add.at(blocks, (block[rows], offset[rows], offset[cols]), matrix.data[inside])
+    inverse, slot = np.linalg.inv(blocks), width * block + offset
 
     def solve(b: np.ndarray) -> np.ndarray:
         padded = np.zeros(width * len(starts))
@@ -292,9 +292,9 @@ class FrontalFactor:
         """Solve for the columns of b, (n, k)."""
         x = b[self._permutation].astype(self._dtype, copy=False)
         for front in self._fronts:
-            own = self._getrs(front.lu, front.swaps, x[front.first : front.last])[0]
-            x[front.first : front.last] = own
-            x[front.border] -= front.lower @ own
+            pivots = self._getrs(front.lu, front.swaps, x[front.first : front.last])[0]
+            x[front.first : front.last] = pivots
+            x[front.border] -= front.lower @ pivots
         for front in reversed(self._fronts):
             x[front.first : front.last] -= front.upper @ x[front.border]
         out = np.empty_like(x)

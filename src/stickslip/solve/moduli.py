@@ -127,7 +127,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     cell, x → x + Gx, and do not rotate. The second term is the contribution of the non-affine motion that restores the
     balance of forces and torques. Each contact is held in its mode, so C is a tangent modulus: it is valid for strains
     so small that no contact opens, closes, or changes between stick and slide. σ is the Cauchy stress, compression
-    positive, so that C is positive where a packing resists. Under a pressure p it differs from the second derivative of
+    positive, so C is positive where a packing resists. Under a pressure p it differs from the second derivative of
     an energy by terms of order p. Rattlers are excluded.
 
     In 16 disks and 20 spheres without sliding contacts, with overlaps of 1 to 3 %, the change of the shear stress
@@ -344,5 +344,5 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
     if not np.linalg.cond(matrix) < 1e12:
-        raise ValueError("no contact forces balance a stress: bounds of moduli need a packing that bears any stress")
+        raise ValueError("no contact forces balance a stress: bounds of moduli need a packing that carries any stress")
     return np.linalg.inv(matrix)

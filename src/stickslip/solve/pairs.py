@@ -166,7 +166,7 @@ def _find_suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list
 def pair_margin(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """(n − 1,) additional skew coupling that neighbouring real eigenvalues would need to become a pair [1/time²].
 
-    [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so that
+    [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so
     δ/2 − k = gap/2 · √((1 − c)/(1 + c)): a small gap alone does not signal a pair.
     """
     gap = np.abs(np.diff(values))
@@ -275,11 +275,11 @@ def _discs(B: np.ndarray, scale: float, report: Report, passes: int = 6):
         inverse = block_diag(*[np.linalg.inv(block) for block in blocks])
         others = np.setdiff1d(np.arange(n), turned)
         rows = inverse @ columns[turned]
-        own = np.diag(rows)
+        diagonal = np.diag(rows)
         # in a block with pairs, a real eigenvalue has an imaginary part of round-off size: move its disc back
-        centre = np.where(np.concatenate(values).imag == 0, own.real, own)
-        radius = np.abs(rows).sum(axis=1) - np.abs(own) + np.abs(inverse @ B[turned][:, others]).sum(1)
-        centres[turned], radii[turned] = centre, radius + np.abs(own - centre)
+        centre = np.where(np.concatenate(values).imag == 0, diagonal.real, diagonal)
+        radius = np.abs(rows).sum(axis=1) - np.abs(diagonal) + np.abs(inverse @ B[turned][:, others]).sum(1)
+        centres[turned], radii[turned] = centre, radius + np.abs(diagonal - centre)
         alone = np.abs(B[np.ix_(others, others)]).sum(axis=1) - np.abs(B[others, others])
         radii[others] = alone + np.abs(columns[others]).sum(axis=1)
     return centres, radii + n * np.finfo(float).eps * scale  # round-off of the passes

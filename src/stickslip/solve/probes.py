@@ -1,7 +1,7 @@
 """Tangent dynamics of random probes: a linear leapfrog, its power spectra, and filters that extract growing modes.
 
 The leapfrog q_{n+1} − 2q_n + q_{n−1} = −dt² A q_n near the largest stable step is the Chebyshev recurrence. A mode with
-√λ = ω + ig advances by θ + iγ per step, λ = (4/dt²) sin²((θ + iγ)/2), so that its power grows as exp(2γn) at frequency
+√λ = ω + ig advances by θ + iγ per step, λ = (4/dt²) sin²((θ + iγ)/2), so its power grows as exp(2γn) at frequency
 θ. Sums of q_n with the weights of a frequency filter span the growing modes there; their eigenvalues follow from A
 in that span. With dashpots, q̈ = −A q + D q̇, and λ = −s² for the exponents s = g − iω. In a search, the forces of
 dashpots lag by half a step, which reduces the damping of a mode by the factor cos(θ/2). While filters run, these forces
@@ -48,8 +48,8 @@ SAVED_EVERY = 60.0  # interval at which a search is saved [s]
 class Effort(NamedTuple):
     """Extent of the search for the fastest pair; see `fastest_pair`."""
 
-    amplification: float = 3.0  # exponent up to which modes are sought
-    rate: float = 1e-4  # slowest growth rate sought [1/time]
+    amplification: float = 3.0  # growth exponent at which the search for modes ends
+    rate: float = 1e-4  # slowest growth rate that the search covers [1/time]
     probes: int = 16  # random initial vectors
     seed: int = 0
 
@@ -66,7 +66,7 @@ class Motion(NamedTuple):
     def time_step(self) -> float:
         """Time step of the leapfrog [time]. The limit is dt² λmax = 4; the margin exceeds errors of λmax.
 
-        With dashpots dt² λmax + 2 dt ‖D‖ stays below 2, so that their forces damp all modes for any tuning.
+        With dashpots dt² λmax + 2 dt ‖D‖ stays below 2, so their forces damp all modes for any tuning.
         """
         drag, most = (0.0, 3.61) if self.drag is None else (abs(self.drag).sum(axis=1).max(), 1.805)
         return most / (drag + np.sqrt(drag**2 + most * self.norm))
@@ -104,7 +104,7 @@ class ProbeRun:
     def tune(self, value: complex | None) -> None:
         """Choose the weights for which dashpots act without error on modes at the frequency of a peak, or else the lag.
 
-        They solve now exp(−iθ/2) + before exp(−3iθ/2) = 1.
+        They now solve exp(−iθ/2) + before exp(−3iθ/2) = 1.
         """
         theta = 0.0 if value is None else self.angle(value)
         exact = 1e-3 < theta < np.pi / 2  # at higher frequencies, the weights would drive slow modes
@@ -150,7 +150,8 @@ class ProbeRun:
             return power, float(np.abs(q).max())
 
     def _excess(self, leaks: bool = False) -> tuple[np.ndarray, np.ndarray, float]:
-        """Power gained since the first span, the least that stands out, and the power of a mode of unit amplitude.
+        """Power gained since the first span, the smallest power that stands out, and the power of a mode of unit
+        amplitude.
 
         If a growing mode `leaks` into most frequencies, their power is not noise: there, 8.5 times the first power
         stands out.
@@ -309,7 +310,7 @@ class GrowingModes:
         run.tune(value)
         found = self._filter(run, follow, value, peak)
         run.tune(None)
-        # only now, so that a search that was interrupted while filters ran tries the peak again
+        # noted only now: a search that is interrupted while filters run tries the peak again
         (self.explained if found else self.failed).append(peak)
 
     def _filter(self, run: ProbeRun, follow: Callable[[], None], value: complex, peak: tuple) -> bool:

@@ -164,8 +164,8 @@ def frequency_response(
     Parameters
     ----------
     drive : (N + W, 6), or (k, N + W, 6) for k drives: forces and torques/R on free components, displacements of
-        prescribed ones (walls, fixed grains). Shaking of a wall along x is a 1 at [wall, 0], a push on a grain a 1 at
-        [grain, 0]; `plane_wave` creates waves
+        prescribed ones (walls, fixed grains). For example, 1 at [wall, 0] shakes a wall along x, and 1 at [grain, 0]
+        pushes a grain; `plane_wave` creates waves
     frequency : ω, or (F,) of them, zero or positive [1/time]
     observe : (N + W, 6) or (m, N + W, 6), weights of the displacements in each observable: see `contact_slip` and
         `stress_change`; default: the displacements of `free`

@@ -113,7 +113,7 @@ def contact_sensitivity(
     ----------
     pair : index of the complex pair whose derivative is computed, the fastest growing first
     most : number of changes whose full spectrum is computed, the most promising first (if the packing is unstable,
-        those with the least predicted growth); default: as many as can be computed in about ten seconds, which means
+        those with the smallest predicted growth); default: as many as can be computed in about ten seconds, which means
         all of them in small packings. The prediction rests on first-order shifts of all modes and the coupling of
         neighbours, and may miss some changes
     report : called as report(stage, share done, text)
@@ -174,9 +174,9 @@ def contact_sensitivity(
     scope = join_scopes(scope, LEFT_OUT if damping_model(law) else "", sliding)
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
-    known = np.isfinite(after)
-    turns = known & ((verdicts == "stable") != (verdict == "stable"))
-    last = np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
+    finite = np.isfinite(after)
+    turns = finite & ((verdicts == "stable") != (verdict == "stable"))
+    last = np.lexsort((-slope, -np.abs(np.where(finite, after - growth, 0.0)), ~finite, ~turns))
     contact = contact[last]
     return ContactSensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],

@@ -47,11 +47,11 @@ METHODS = {  # description of the computation
     "fastest": "the lowest modes by shift and invert where factors fit into memory, and tangent dynamics",
 }
 DAMPED_UP_TO = 1_250  # coordinates with dashpots, solved within seconds; the first-order form has twice as many
-DAMPED_AT_MOST = 4_000  # likewise, solved within minutes
-NEAR_SHIFT = 4  # exponents with dashpots computed near each one of the undamped motion
+DAMPED_AT_MOST = 4_000  # coordinates with dashpots, solved within minutes
+NEAR_SHIFT = 4  # number of exponents with dashpots computed near each undamped one
 NEAR_ZERO = 18  # exponents computed near zero, six of which belong to translations
 TOLERANCE = 1e-10  # relative, of the inverse distance from the shift
-STARTS = 8  # undamped pairs near which exponents are sought, the fastest first
+STARTS = 8  # undamped pairs near which exponents are searched for, the fastest first
 MOST_PAIRS = 8  # growing modes in a table
 
 
@@ -209,9 +209,9 @@ def stability(
         certificate of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000
         coordinates, "fastest" beyond). Each uses the cheapest algorithm, given by `Stability.method`: LAPACK up to 1500
         coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With dashpots,
-        all exponents are computed up to 1250 coordinates (with "dense", 4000). In larger packings, exponents are sought
-        near those of the undamped motion, which are found with this method; beyond 90,000 coordinates, probes find the
-        fastest growing one. With dashpots there is no certificate
+        all exponents are computed up to 1250 coordinates (with "dense", 4000). In larger packings, exponents are
+        searched for near those of the undamped motion, which are found with this method; beyond 90,000 coordinates,
+        probes find the fastest growing one. With dashpots there is no certificate
     saved : file in which a search for the fastest pair is saved every minute, and from which it continues; it is
         removed at the end
     report : called as report(stage, share done, text)
@@ -295,11 +295,11 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report, saved: 
         pairs, modes, scope, soft, unverified = _analyse_large(here, free, matrix, method, report, saved)
         if soft is None:
             negative, zero_modes = np.zeros(0), translations(matrix, free).shape[1]
-            scope += "; floppy modes were not sought, nor buckling slower than that"
+            scope += "; the search did not cover floppy modes, nor buckling slower than that"
         else:
             negative, zero_modes, vectors = soft.negative, soft.zero, soft.vectors
             modes = np.hstack([modes, vectors])
-            scope += "; negative and zero λ were sought among the smallest"
+            scope += "; negative and zero λ were searched for among the smallest"
     unloaded = UNLOADED if rescales(law) else ""
     scope = join_scopes(scope, unloaded)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
@@ -317,7 +317,7 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report, saved: 
         return result._replace(
             pairs=pairs, negative=np.zeros(0) if soft is None else soft.negative,
             modes=modes if soft is None else np.hstack([modes, soft.vectors]),
-            scope=join_scopes(f"{scope}; buckling slower than that was not sought", unloaded),
+            scope=join_scopes(f"{scope}; the search did not cover buckling slower than that", unloaded),
             undamped=result, unverified=unverified,
         )  # fmt: skip
     s, modes, slowest, near = growing_exponents(matrix, drag, free, result.exponents, asked, report)
@@ -400,10 +400,10 @@ def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, re
     if certify:
         scope = f"{scope}; certificate: {search.certified}"
     negative, zero, vectors = soft_modes(matrix)
-    place = np.searchsorted(whole.component, free.component)
+    index = np.searchsorted(whole.component, free.component)
     return (
         search.eigenvalues,
-        search.modes[place],
+        search.modes[index],
         scope,
         SoftModes(negative, vectors / np.sqrt(free.mass)[:, None], zero),
         0,
@@ -462,7 +462,8 @@ def growing_exponents(
     ----------
     pull : (n, n) sparse A of `dynamical_matrix` [1/time²]
     dampers : (n, n) sparse ∂(Pᵀf)/∂q̇ [force time/length]
-    undamped : (P,) complex, growing exponents without dashpots, near which others are sought in large packings [1/time]
+    undamped : (P,) complex, growing exponents without dashpots, near which others are searched for in large packings
+    [1/time]
     method : of `stability`; "dense", "all", "auto" and "fastest" compute all exponents of up to 1250 coordinates
 
     Returns
@@ -487,8 +488,8 @@ def growing_exponents(
         values, vectors = _search_near_shifts(pull, drag, undamped / unit, report)
         slowest = None
         scope = (
-            f"exponents were sought near the {min(len(undamped), STARTS)} fastest of the undamped motion and near zero"
-            "; growth caused by dashpots alone was not sought"
+            f"exponents were searched for near the {min(len(undamped), STARTS)} fastest of the undamped motion and "
+            "near zero; the search did not cover growth caused by dashpots alone"
         )
     order = np.lexsort((values.imag, -values.real))
     modes = vectors[:, order].conj() * root[:, None]

@@ -391,7 +391,7 @@ def stationary_fluctuations(
 ) -> Fluctuations:  # fmt: skip
     """Stationary covariance L Σ + Σ Lᵀ + Q = 0 of M q̈ = J q + C q̇ − M ν q̇ + ξ, and its distance from instability.
 
-    Thermal noise has ⟨ξ ξᵀ⟩ = 2T (M ν − C) δ(t − t′), so that every mode would have a kinetic and an elastic energy of
+    Thermal noise has ⟨ξ ξᵀ⟩ = 2T (M ν − C) δ(t − t′), so every mode would have a kinetic and an elastic energy of
     T/2 each if forces had a potential. Friction has none, and heats or cools modes. Distance and condition number are
     those in the norm of the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
 

@@ -106,9 +106,11 @@ def trigger_amplitude(
         times, factors = np.asarray(times, float), np.asarray(factors, float)
         duration = 2 * times[-1] if duration is None else duration
         ways = _pulse_ways(motion, drive, times, factors, duration, _time_step(motion, motion.here.state))
-    place, speed = ways * np.sqrt(motion.whole.mass)
+    displacement, speed = ways * np.sqrt(motion.whole.mass)
     start = 1e-6 * state.grains.radius.min() / np.abs(ways[0]).max()
-    amplitude, contact = first_changes(motion.here, motion.whole, lambda a: a * place, start, lambda a: a * speed)[0]
+    amplitude, contact = first_changes(
+        motion.here, motion.whole, lambda a: a * displacement, start, lambda a: a * speed
+    )[0]
     amplitude = float(amplitude)
     if not dynamics or not np.isfinite(amplitude):
         return Trigger(amplitude, contact, np.nan, (-1, -1))

@@ -369,7 +369,7 @@ def test_the_benchmark_starts_as_published():
     rate = Surface(fault, [-16e3, 0.01])(state.rates[0], 1.0)
     assert np.allclose(rate, [-4.329686e-10 - 2.499745e-10j, 4.330127e-10 + 2.5e-10j], rtol=2e-4)
     assert papers()["seas-bp3"].paper.title.startswith("SEAS benchmark problem BP3-QD")
-    assert "Erickson2023" in EXPERIMENTS["fault"].references(paper_scenario())["faults that dip"]
+    assert "Erickson2023" in EXPERIMENTS["fault"].references(paper_scenario())["dipping faults"]
 
 
 def made(case, cell, factor=1.0):

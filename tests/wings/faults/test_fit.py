@@ -67,7 +67,7 @@ def test_a_fit_reports_its_misfit_and_parameters_on_the_way():
     )  # fmt: skip
     shares = [share for _, share, _ in told]
     assert all(np.diff(shares) >= 0) and 0 < shares[0] < 0.05 and 0.8 < shares[-1] <= 1
-    assert "guesses, least misfit" in told[0][2]
+    assert "guesses, smallest misfit" in told[0][2]
     first, second = (float(told[k][2].split("misfit ")[1].split(",")[0]) for k in (0, -1))
     assert second == pytest.approx(np.std(found.residuals[0]), rel=0.01) and second < first
     assert f"a {found.values['a']:.3g}, b {found.values['b']:.3g}, dc {found.values['dc']:.3g}" in told[-1][2]
@@ -407,7 +407,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD, {"free": ("stiffness", "alpha")}, "the normal stress never changes"),
         (GOOD, {"free": ("stiffness",), "own": ("mu",)}, "own contains the unknown parameter 'mu'"),
         (GOOD, {"free": ("stiffness",), "windows": ((1, 1.1),)}, "at least 8"),
-        (GOOD, {"free": ("stiffness",), "windows": ((2, 1),)}, "its start before its end"),
+        (GOOD, {"free": ("stiffness",), "windows": ((2, 1),)}, "a window must start before it ends"),
         (GOOD._replace(friction=np.full(50, 0.4)), {"free": ("stiffness",)}, "friction never changes"),
         (GOOD._replace(friction=np.full(50, np.nan)), {}, "friction contains NaN or infinity"),
         (GOOD._replace(time=GOOD.time[::-1]), {}, "sort the samples"),

@@ -193,7 +193,7 @@ def test_m_at_the_breach_is_a_length_in_units_of_r_and_the_first_contact_is_coun
     row = claims_of_motion._msd_at_breach(main)
     assert row.measured == pytest.approx(1e-2) and row.verdict == REPRODUCED and "1.0e-04 R²" in row.note
     first = claims_of_motion._where_first(main)
-    assert first.verdict == NOT_REPRODUCED and "in 0 of 6 realizations" in first.note
+    assert first.verdict == NOT_REPRODUCED and "in 0 of 6 realisations" in first.note
 
 
 def test_a_ratio_of_means_has_the_error_that_repeated_runs_show():

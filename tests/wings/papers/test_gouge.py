@@ -347,7 +347,7 @@ def test_a_branch_that_fails_is_told_with_its_sample(monkeypatch):
         raise RuntimeError("it blew up")
 
     monkeypatch.setattr("stickslip.wings.papers.gouge.simulate.run_branch", fails)
-    with pytest.raises(RuntimeError, match="every realization failed, the first with realization 0 failed: it blew up"):
+    with pytest.raises(RuntimeError, match="every realisation failed, the first with realisation 0 failed: it blew up"):
         simulate_gouge(small(ledger_steps=0), workers=1)
 
 
@@ -389,7 +389,7 @@ def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
         assert one.states["end"].control.leads.dtype == other.states["end"].control.leads.dtype
     more = simulate_gouge(small(realizations=3), folder=folder, workers=1)
     assert more.reused == 2
-    assert more.failures == ("realization 2 failed: not again",)
+    assert more.failures == ("realisation 2 failed: not again",)
     file = next((folder / MEMBERS).iterdir())
     whole = file.read_bytes()
     file.write_bytes(whole[: len(whole) // 2])
@@ -407,7 +407,7 @@ def refuse(*_):
 
 def test_if_all_fail_the_first_reason_is_told(monkeypatch):
     monkeypatch.setattr("stickslip.wings.papers.gouge.simulate.run_trunk", refuse)
-    with pytest.raises(RuntimeError, match="every realization failed, the first with realization 0 failed: not again"):
+    with pytest.raises(RuntimeError, match="every realisation failed, the first with realisation 0 failed: not again"):
         simulate_gouge(small(), workers=1)
 
 

@@ -59,7 +59,7 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path, monkeypatch):
     file.write_text(small().text)
     done = stickslip("run", file, "--out", out, "--workers", "1")
     assert done.returncode == 0, done.stderr
-    assert "1 realizations, each of about" in done.stdout
+    assert "1 realisations, each of about" in done.stdout
     assert "warning: the thickness of the layer" in " ".join(done.stdout.split())
     names = {path.name for path in out.iterdir()}
     assert names >= {"fig1_steady_sliding.png", "fig2_velocity_steps.png", "fig3_holds.png", "series.csv", "results.h5"}
@@ -75,7 +75,7 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path, monkeypatch):
     assert fitted.returncode == 0, fitted.stderr
     monkeypatch.setattr(Figure, "savefig", save_noise)
     again = stickslip("run", file, "--out", out)
-    assert "1 realizations had finished earlier and were not run again" in " ".join(again.stdout.split())
+    assert "1 realisations had finished earlier and were not run again" in " ".join(again.stdout.split())
 
 
 @pytest.mark.parametrize(

@@ -240,7 +240,7 @@ def result():
 
 def test_numbers_and_sentences_of_a_run(result):
     text = " ".join(measures.sentences(result))
-    for words in ("1e-06 elastic", "0.0001 ", "Curves of sands are for spheres", "Twice as many steps change G/Gmax"):
+    for words in ("1e-06 elastic", "0.0001 ", "Curves of sands are for spheres", "Doubling the number of steps"):
         assert words in text
     named = named_measures(ss.experiments.EXPERIMENTS["cyclic-shear"], result)
     assert named["G_smallest"][0] == pytest.approx(named["G0"][0], rel=1e-3) and named["G0"][1] == "N/m"

@@ -343,7 +343,7 @@ def test_skempton_s_b_is_that_of_a_closed_sample_with_a_compressible_fluid(spher
     _, law, state = spheres
     n = 1 - ss.measure.packing_fraction(state)
     b = 1 / (1 + n * bulk_modulus(spheres, 1e5 * (1 + 1e-4)) / fluid)
-    rise = 1e5 * 1e-4 / (1 - b)  # of the cell, so that the skeleton bears the same
+    rise = 1e5 * 1e-4 / (1 - b)  # of the cell, so that the skeleton carries the same
     path = {"kind": "isotropic", "pressures": [1e5 + rise], "fluid_modulus": fluid}
     end = steps(spheres, np.log([1e5, 1e5 + rise]), **path)[1]
     closed = np.diag(ss.measure.stress(end, law))

@@ -198,7 +198,7 @@ def test_a_moving_sample_comes_to_rest_before_it_is_probed_and_the_path_goes_on_
     assert state.reason == "" and not state.envelope.collapsed.any()
     assert state.stress == pytest.approx(
         run.series.stress[row], abs=15.0
-    )  # a stiff sample bears a tenth more as it is loaded further
+    )  # a stiff sample carries a tenth more as it is loaded further
     plain = ss.simulate(scenario(path=path), workers=1).runs[0]
     np.testing.assert_array_equal(plain.series.stress, run.series.stress)
 

@@ -66,7 +66,7 @@ def test_a_status_that_is_not_that_of_the_law_is_not_returned(dim, monkeypatch):
 
 @pytest.mark.slow
 def test_statuses_on_a_path_are_those_of_small_increments_by_newtons_method():
-    """Where a contact of spheres has lost its force or is about to bear some; two increments, whose difference counts.
+    """Where a contact of spheres has lost its force or is about to carry some; two increments, whose difference counts.
 
     In a few cases another contact reaches its limit within the increments.
     """

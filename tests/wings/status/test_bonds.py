@@ -84,7 +84,7 @@ def test_stiff_elastic_bonds_approach_rigid_ones_as_one_over_their_stiffness(dim
 
 @pytest.mark.parametrize(("dim", "bond"), CASES)
 def test_the_stiffness_with_elastic_bonds_is_the_jacobian(dim, bond):
-    """Also where bonds bear: their forces turn with them."""
+    """Also where bonds carry load: their forces turn with them."""
     state = sample(dim, bond)
     state, _ = ss.equilibrate(ss.packings.sheared(state, 1e-3), LAW, check="nothing")
     matrix = quasirigid.linear_system(state, LAW, bonds="elastic")

@@ -76,7 +76,7 @@ def test_two_grains_break_at_the_strength_of_their_bond(force, bond, mode):
 
 
 def test_the_load_of_a_broken_bond_is_passed_on():
-    """Springs of 2 and 1 side by side, of which the stiffer breaks when it bears 1e-3: at half the load of 3e-3."""
+    """Springs of 2 and 1 side by side, of which the stiffer breaks when it carries 1e-3: at half the load of 3e-3."""
     state = row(beam(1e-3), beam(1.0, stiffness=1.0))
     state.control.free[2] = False
     path = load_path(state, LAW, pulled(state.control, 1, (3e-3,)), increment=0.25)
@@ -91,7 +91,7 @@ def test_the_load_of_a_broken_bond_is_passed_on():
 
 
 def test_further_bonds_break_as_the_load_of_the_first_is_passed_on():
-    """Each of two bonds bears half of a force across; after the first breaks, the second would bear all of it."""
+    """Each of two bonds carries half of a force across; after the first breaks, the second would carry all of it."""
     state = row(beam(1, 1e-3), beam(1, 1.2e-3))
     state.control.free[2] = False
     path = load_path(state, LAW, pulled(state.control, 1, (0, 3e-3)), increment=0.25)

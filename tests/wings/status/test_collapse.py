@@ -49,12 +49,12 @@ def test_a_block_slides_to_the_stop(dim):
     assert event.largest == event.total == pytest.approx(moved)
     assert event.motion == pytest.approx(moved)
     at = after.state.grains.position[0, 0]
-    assert GAP < at < GAP + 0.8 * force  # the stop bears what friction does not
+    assert GAP < at < GAP + 0.8 * force  # the stop carries what friction does not
     assert (event.lost, event.gained) == (0, 1)
     assert event.sliding == (2, 0)
     assert event.participation == pytest.approx(1)
     assert event.overlap > 0.999  # of a motion along x
-    # the push works along the way; friction stores what it bears in two springs, the stop in a third
+    # the push works along the way; friction stores what it carries in two springs, the stop in a third
     friction = event.held * force - (at - GAP)
     stored = 0.5 * (at - GAP) ** 2 + friction**2 / (2 * 2 * 0.5) - (2 * MU * PRESS) ** 2 / (2 * 2 * 0.5)
     assert event.work == pytest.approx(event.held * force * moved, rel=1e-3)

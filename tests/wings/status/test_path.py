@@ -69,7 +69,7 @@ def block():
 def test_a_pushed_block_slides_at_twice_mu_times_the_normal_force():
     state, law = block()
     push = state.control._replace(force=state.control.force.copy())
-    push.force[0, 0] = 2 * 0.4 * 0.001 * 1.25  # a quarter more than friction bears
+    push.force[0, 0] = 2 * 0.4 * 0.001 * 1.25  # a quarter more than friction can carry
     path = load_path(state, law, push, increment=0.1)
     assert path.verdict is Verdict.MECHANISM
     reached = [e for e in path.events if e.kind == "reaches the cone"]

@@ -107,7 +107,7 @@ def test_a_pushed_sphere_slides_at_twice_mu_times_the_normal_force_in_any_direct
     state = ss.accept(state, ss.forces(state, law)[1])
     way = np.array([0.6, 0.8, 0.0])
     push = state.control._replace(force=state.control.force.copy())
-    push.force[0] = 2 * 0.4 * 0.001 * 1.25 * way  # a quarter more than friction bears
+    push.force[0] = 2 * 0.4 * 0.001 * 1.25 * way  # a quarter more than friction can carry
     path = ss.quasirigid.load_path(state, law, push, increment=0.1)
     assert path.verdict is Verdict.MECHANISM
     assert path.points[-1].load == pytest.approx(0.8)

@@ -17,7 +17,7 @@ from tests.derivatives.test_free_cell import packed
 
 
 def sample(seed, cell_free=False, n=40):
-    """Matrices of a packing that carries slip, 14 contacts to be critical, and a load that it bears."""
+    """Matrices of a packing that carries slip, 14 contacts to be critical, and a load that it carries."""
     law, rng = make_law("linear", "sharp", mu=0.5), np.random.default_rng(seed)
     state = packed(2, n=n, seed=seed % 4)
     control = ss.control.loads(n)

@@ -233,7 +233,7 @@ def test_grains_that_cannot_be_poured_are_one_sentence(changes, words):
 
 def test_grains_behind_a_wall_are_named_with_it():
     grains, cell = pour(low=[0.0, 2.0], high=[6.0, 18.0]), {"size": [9.0, 18.0]}
-    with pytest.raises(ScenarioError, match=r"grain 46 at \(7.071, 0.5\) lies behind wall 'gate': move the wall"):
+    with pytest.raises(ScenarioError, match=r"grain 46 at \(7.071, 0.5\) is behind wall 'gate': move the wall"):
         ss.packings.poured(scenario(**flow(grains=grains, cell=cell, plates=[{"name": "bed", "height": 0.5}])))
     row = ss.disks([[0.5, 0.5], [7.0, 0.5]], 0.5)
     with pytest.raises(ValueError, match=r"grain 1 at \(7, 0.5\) lies behind wall 1"):

@@ -55,8 +55,8 @@ def test_a_block_slides_where_its_kinetic_energy_suffices():
     assert np.isnan(threshold.first_pair) and 0 < threshold.slid.sum() < threshold.runs.sum()
     # friction is the same at rest and in motion: below the static limit, a block slides by some distance, and stops
     assert not threshold.lasting.any() and threshold.arrest.shape == (0, 2)
-    assert "slide on" not in "; ".join(threshold.sentences).replace("never slide on for another 2000", "")
-    assert "no run slides on, so that the load cannot be lowered" in "; ".join(threshold.sentences)
+    assert "keep sliding" not in "; ".join(threshold.sentences).replace("never keep sliding for another 2000", "")
+    assert "no run keeps sliding, so the load cannot be lowered" in "; ".join(threshold.sentences)
 
 
 def test_the_lifetime_is_the_end_of_the_leg_in_which_the_block_had_slid():
@@ -258,7 +258,7 @@ def test_runs_that_last_and_ramps_down_are_those_of_dynamics_by_hand(bumps):
         f"3 of 3 sliding samples stop between {threshold.arrest_range[0]:g} and {threshold.arrest_range[1]:g}"
         in "; ".join(threshold.sentences)
     )
-    assert "slide by 2" in "; ".join(threshold.sentences) and "slide on for another 400 from 0" in "; ".join(
+    assert "slide by 2" in "; ".join(threshold.sentences) and "keep sliding for another 400 from 0" in "; ".join(
         threshold.sentences
     )
 

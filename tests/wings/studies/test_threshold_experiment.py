@@ -85,7 +85,7 @@ def test_the_path_ends_where_the_sample_slides(result):
     assert rerun.strength == 0.3 and rerun.path[-1].load == 0.2
     assert rerun.found.loads.tolist() == [0.1] and np.isnan(result.strength)
     tables["kicks"] |= {"distance": 0.5 * steps.min()}
-    with pytest.raises(ScenarioError, match=r"slides by itself at a load of 0.1, below all of load.loads: add smaller"):
+    with pytest.raises(ScenarioError, match=r"slides spontaneously at a load of 0.1, below all of load.loads: add"):
         ss.simulate(ss.scenario(**tables | {"load": {"loads": [0.2], "step": 0.1}}), workers=1)
 
 

@@ -65,8 +65,8 @@ def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None,
     """
     new = _make(state, bond, *_given_pairs(state, pairs), length)
     if turn is not None:
-        known = turn.any(axis=1)[:, None]
-        new = new._replace(direction=np.where(known, direction, new.direction), turn=np.where(known, turn, new.turn))
+        given = turn.any(axis=1)[:, None]
+        new = new._replace(direction=np.where(given, direction, new.direction), turn=np.where(given, turn, new.turn))
     return with_bonds(state, new)
 
 
@@ -166,7 +166,7 @@ def _given_pairs(state: State, pairs: np.ndarray):
     tie = np.where(cell.periodic, abs(abs(apart + image) - 0.5) < AMBIGUOUS, False).any(axis=1)
     if tie.any():
         a = tie.argmax()
-        raise ValueError(f"grains {i[a]} and {j[a]} are half a periodic box apart, so that two images of the bond are "
+        raise ValueError(f"grains {i[a]} and {j[a]} are half a periodic box apart, so two images of the bond are "
                          "equally long: use a larger box")  # fmt: skip
     return i, j, image.astype(np.int16)
 

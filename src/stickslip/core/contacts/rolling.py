@@ -7,7 +7,7 @@ truncated at the cap of the law and transported like the slip:
 
 with m the mid-step normal, see `mid_normal` in `mechanics.h`.
 
-A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so that the
+A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so the
 transpose of the matrix that maps coordinates to r, ρ and θ = angle_i − angle_j maps F, T/R and M to loads. The twist
 τ ← τ + m·Δ(angle_i − angle_j) has the moment M_i = −k_t τ n. Dashpots are added, and sums truncated at the caps.
 

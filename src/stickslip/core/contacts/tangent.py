@@ -1,8 +1,8 @@
 """Derivatives of the memory update of contacts, for slip and for rolling, as arrays with one row per contact.
 
 Let n be the current normal, Δr the displacement of the pair vector since the memory was committed and g = P Δr its
-tangential part. The mid-step normal is m = n − g/(2|r|); see `neighbors`. A vector w is mapped to T w = w − (n·w) m,
-so that
+tangential part. The mid-step normal is m = n − g/(2|r|); see `neighbors`. A vector w is mapped to T w = w − (n·w) m.
+Therefore
 
     dn = P dr/|r|,   dg = P dr − dn (n·Δr) − n (dn·Δr),   dm = dn − dg/(2|r|) + g (n·dr)/(2|r|²),
     d(T w) = dw − m (dn·w + n·dw) − (n·w) dm.
@@ -131,7 +131,7 @@ def with_shorter_arms(state, line, stiff: np.ndarray, damp: np.ndarray):
     own, other = radius[state.contacts.i[:count]], radius[state.contacts.j[:count]]
     whole, apart = 1 / (own + other), (other - own) / (own + other)
     ends, middle = (_shares(whole, apart, half) for half in (line.half, line.half_mid))
-    # dδ/dr = −n, and half of it halfway
+    # dδ/dr = −n, and half of that for the overlap at mid-step
     stiff_at = stiff.copy()
     stiff_at[:, :, :3] += stiff[:, :, 3:] @ outer(0.25 * line.together, line.normal)
     torque = -np.cross(line.normal, line.force_n[:, None] * line.normal - line.secant[:, None] * line.slip)

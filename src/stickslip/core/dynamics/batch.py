@@ -62,7 +62,7 @@ class Sizes(NamedTuple):
     knots: int
     courses: int
     samples: int
-    least: int  # least number of contacts of a grain that is not a rattler
+    least: int  # smallest number of contacts of a grain that is not a rattler
     events: int  # rows for the events of a system
     tracks: int  # bodies of each sample
     table: tuple[int, ...]  # shape of the table of a law
@@ -446,7 +446,7 @@ def _unpack(
 
 
 def _unpack_events(events: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Events in the order of time, each once."""
+    """Events in chronological order, each once."""
     out = events.copy()
     out[:, 2], out[:, 3] = order[events[:, 2].astype(int)], order[events[:, 3].astype(int)]
     out = out[_is_first(out[:, 2], out[:, 3], out[:, 4:7])]

@@ -54,7 +54,7 @@ class Frame(NamedTuple):
     place: np.ndarray  # (N,) position of each grain in memory
     grain_mass: np.ndarray  # (N,)
     made: np.ndarray  # (3, 3) vectors of the cell for which the list of contacts was built
-    clock: np.ndarray  # (1,) time, accumulated step by step, so that a continued run has bitwise identical courses
+    clock: np.ndarray  # (1,) time, accumulated step by step, so a continued run has bitwise identical courses
     reach: np.ndarray  # (1,) distance within which pairs were selected
     widest: float  # largest sum of two radii
 
@@ -69,7 +69,7 @@ class Frame(NamedTuple):
 def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
     """State after an affine displacement x → x + G x of grains and cell; not in equilibrium.
 
-    The cell is always spanned by its vectors, so that simple shear makes it triclinic (Lees–Edwards conditions).
+    The cell is always spanned by its vectors, so simple shear makes it triclinic (Lees–Edwards conditions).
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ def run_batch(
 ) -> list[tuple[State, Record]]:
     """Run many systems side by side on a graphics processor, like `run` one after another.
 
-    Sums have a fixed order, so that every run gives the same bits. They agree with those of `run` to round-off.
+    Sums have a fixed order, so every run gives the same bits. They agree with those of `run` to round-off.
     Returned states can be continued here or by `run`.
 
     Parameters

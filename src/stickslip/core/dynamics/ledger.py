@@ -1,7 +1,7 @@
 """Energy ledger, updated after every step. It does not affect the trajectory.
 
 Over a step from 0 to 1, velocity Verlet changes the kinetic energy by ½(F₀ + F₁)·Δx up to the change of a function of
-state, so that trapezoidal sums balance to second order in the time step. With the energy U(|s|, k_t, L) of a tangential
+state, so trapezoidal sums balance to second order in the time step. With the energy U(|s|, k_t, L) of a tangential
 spring and the Coulomb limit L,
 
     −F_t·v_t dt = dU − ∂U/∂k_t dk_t − ∂U/∂L dL + |F_t| d(slid distance):

@@ -2,7 +2,7 @@
 
 The arguments of a function are `overlap`, `r_eff`, others that depend on its role (see `ROLES`), and parameters of the
 law. Every other name that it uses must be a number, a function, `math` or `numpy`. The values of these names are part
-of the digest that identifies a law, so that a law in which any of them has changed is a different law.
+of the digest that identifies a law, so a law in which any of them has changed is a different law.
 
 Tangents come from a complex step, f'(x) = Im f(x + ih)/h. `max`, `min`, `abs` and `math` are therefore replaced by
 versions that accept complex numbers and branch on the real part.
@@ -148,10 +148,10 @@ def _argument_names(role: str, function, names: tuple[str, ...], memory=()) -> t
     if spec.varargs or spec.varkw or spec.kwonlyargs:
         raise ValueError(f"{role} has *, ** or keyword-only arguments: use plain ones, such as {role}(overlap)")
     for name in spec.args:
-        own = () if role == "contact_range" else memory
-        if name not in (*ROLES[role], *names, *own):
-            known = ", ".join((*ROLES[role], *names, *own))
-            raise ValueError(f"{role} has an argument {name!r}, which is not a parameter: allowed names are {known}")
+        memory_names = () if role == "contact_range" else memory
+        if name not in (*ROLES[role], *names, *memory_names):
+            allowed = ", ".join((*ROLES[role], *names, *memory_names))
+            raise ValueError(f"{role} has an argument {name!r}, which is not a parameter: allowed names are {allowed}")
     return tuple(spec.args)
 
 
@@ -221,11 +221,13 @@ def custom(
     if ("rolling_stiffness" in given) != ("rolling_cap" in given):
         raise ValueError("rolling resistance needs both rolling_stiffness and rolling_cap, got only one")
     values = _parameter_values(parameters or {}, given)
-    own = _memory_values(memory or {}, values, "update" in given)
-    arguments = {role: _argument_names(role, function, tuple(values), own) for role, function in given.items()}
+    memory_values = _memory_values(memory or {}, values, "update" in given)
+    arguments = {
+        role: _argument_names(role, function, tuple(values), memory_values) for role, function in given.items()
+    }
     if bonds and "contact_range" not in given:
         raise ValueError("bonds = True requires contact_range, the largest gap across which bonds act")
-    kind = _register(given, arguments, tuple(values), name, own, bonds)
+    kind = _register(given, arguments, tuple(values), name, memory_values, bonds)
     if coulomb not in COULOMB or damping not in DAMPING:
         raise ValueError(
             f"coulomb must be one of {', '.join(COULOMB)}, and damping one of {', '.join(DAMPING)}, got {coulomb!r} "
@@ -351,8 +353,12 @@ def from_text(text: str, path: Path, parameters: dict) -> Law:
 
 def _reduce_kind(kind: Kind):
     """Pickle a kind for another process of the same run, with the text of its file if it has one."""
-    own = USER_LAWS.get(kind)
-    return _restore_kind, (int(kind), own.source, own.file) if own and own.file else (int(kind), "", "")
+    user_law = USER_LAWS.get(kind)
+    return _restore_kind, (int(kind), user_law.source, user_law.file) if user_law and user_law.file else (
+        int(kind),
+        "",
+        "",
+    )
 
 
 def _restore_kind(number: int, text: str, file: str) -> Kind:

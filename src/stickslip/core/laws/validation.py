@@ -28,10 +28,10 @@ def validate_law(law: Law, size: float) -> Law:
     """
     if isinstance(size, bool) or not (isinstance(size, int | float) and np.isfinite(size) and size > 0):
         raise ValueError(f"size must be a radius, a positive number, got {size!r}")
-    own, values = USER_LAWS[law.kind], dict(zip(USER_LAWS[law.kind].names, law.table[0, 0].tolist(), strict=True))
+    user_law, values = USER_LAWS[law.kind], dict(zip(USER_LAWS[law.kind].names, law.table[0, 0].tolist(), strict=True))
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ranges = _ranges(own, values, size)
+        ranges = _ranges(user_law, values, size)
         if ranges[0] > ranges[1]:
             raise ValueError(
                 f"contact_range decreases with r_eff, from {ranges[0]:g} to {ranges[1]:g}: neighbour lists "
@@ -42,11 +42,11 @@ def validate_law(law: Law, size: float) -> Law:
                 f"contact_range is {ranges[1]:g} for a grain of radius {size:g}: at most {MAX_RANGE:g} radii are "
                 f"allowed, because the neighbour list holds all pairs within it"
             )
-        points = sample_points(own, values, size)
-        for memory in _memories(own, values, size):
-            for role in own.functions.keys() - {"update"}:
-                _check_function(own, role, values | memory, points)
-        jump = "" if own.bonds else _describe_jump(own, values, points, ranges)
+        points = sample_points(user_law, values, size)
+        for memory in _memories(user_law, values, size):
+            for role in user_law.functions.keys() - {"update"}:
+                _check_function(user_law, role, values | memory, points)
+        jump = "" if user_law.bonds else _describe_jump(user_law, values, points, ranges)
     if jump:
         warnings.warn(jump, LawWarning, stacklevel=4)
     return law
@@ -132,20 +132,20 @@ def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
             fn = abs(_evaluate(own, "normal_force", values, overlap=overlap, r_eff=r_eff)) or 1.0
         at = {"overlap": overlap, "r_eff": r_eff, "normal_force": fn}
         value, again = (_evaluate(own, role, values, **at) for _ in range(2))
-        place = f"{role} at overlap = {overlap:.4g}, r_eff = {r_eff:.4g}"
+        location = f"{role} at overlap = {overlap:.4g}, r_eff = {r_eff:.4g}"
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
             kind = "None" if value is None else f"a {type(value).__name__}"
-            raise ValueError(f"{place} returns {kind}: it must return one real number")
+            raise ValueError(f"{location} returns {kind}: it must return one real number")
         if not np.isfinite(value):
-            raise ValueError(f"{place} is {value}: it must be finite; check roots and logarithms of gaps")
+            raise ValueError(f"{location} is {value}: it must be finite; check roots and logarithms of gaps")
         if value != again:
             raise ValueError(
-                f"{place} is {value:.6g} on one call and {again:.6g} on the next: a law must be deterministic"
+                f"{location} is {value:.6g} on one call and {again:.6g} on the next: a law must be deterministic"
             )
         if value < 0 and role in NOT_NEGATIVE:
-            raise ValueError(f"{place} is {value:.4g}: it must not be negative")
+            raise ValueError(f"{location} is {value:.4g}: it must not be negative")
         for name in slopes:
-            slopes[name].append((at, *_derivatives(own, role, values, at, name, place)))
+            slopes[name].append((at, *_derivatives(own, role, values, at, name, location)))
     for name, samples in slopes.items():
         scale = max(abs(slope) for _, _, *sides in samples for slope in sides)
         for at, exact, left, right in samples:
@@ -196,9 +196,9 @@ def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
     force = _evaluate(own, "normal_force", values, overlap=edge, r_eff=r_eff)
     if not abs(force) > JUMP_THRESHOLD * largest:
         return ""
-    place = f"at the end of its range (a gap of {end:.4g})" if end else "at first touch"
+    location = f"at the end of its range (a gap of {end:.4g})" if end else "at first touch"
     return (
-        f"the normal force of {own.name} jumps from 0 to {force:.4g} {place}: the force is discontinuous "
+        f"the normal force of {own.name} jumps from 0 to {force:.4g} {location}: the force is discontinuous "
         f"when contacts close and open there, and energy is conserved only as far as the time step resolves the jump"
     )
 
@@ -206,5 +206,5 @@ def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
 def locate_error(problem: BaseException, path) -> str:
     """Describe the line of a file in which an error occurred."""
     here = [frame for frame in traceback.extract_tb(problem.__traceback__) if frame.filename == str(path)]
-    place = f"line {here[-1].lineno}: {here[-1].line!r} " if here else ""
-    return f"{place}({type(problem).__name__}: {problem})"
+    location = f"line {here[-1].lineno}: {here[-1].line!r} " if here else ""
+    return f"{location}({type(problem).__name__}: {problem})"

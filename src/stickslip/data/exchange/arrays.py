@@ -147,11 +147,11 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
     PackingError
         if the file has arrays with other names, or lacks some.
     """
-    known = (*REQUIRED, *OPTIONAL, *LAW, UNITS)
+    names = (*REQUIRED, *OPTIONAL, *LAW, UNITS)
     for name in arrays:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-            hint = f"did you mean {near[0]!r}?" if near else f"it may contain {', '.join(known)}"
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+            hint = f"did you mean {near[0]!r}?" if near else f"it may contain {', '.join(names)}"
             raise PackingError(f"{path} has an unknown array {name!r}: {hint}")
     for name in REQUIRED:
         if name not in arrays:

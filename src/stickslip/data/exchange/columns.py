@@ -244,8 +244,8 @@ TOTAL = "Fx", "Fy", "Fz"
 
 def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
     """(M, 3) vectors from grain j to the nearest image of grain i [length]."""
-    place = np.asarray(packing.arrays["position"])
-    branch = place[i] - place[j]
+    position = np.asarray(packing.arrays["position"])
+    branch = position[i] - position[j]
     if "cell" in packing.arrays:
         cell, periodic = np.asarray(packing.arrays["cell"]), np.asarray(packing.arrays.get("periodic", (True,) * 3))
         for axis in (2, 1, 0):
@@ -332,12 +332,12 @@ def _kind_of_vector(vector: np.ndarray, branch: np.ndarray, normal: np.ndarray, 
 
 def _with_total_force(names: list[str], values: np.ndarray, packing: Packing, ends, normal: np.ndarray) -> list[str]:
     """Name the columns of the total force on the first grain, which presses the grains apart."""
-    place = np.asarray(packing.arrays["position"])
+    position = np.asarray(packing.arrays["position"])
     flags = (values == np.round(values)).all(axis=0)
     for at in range(values.shape[1] - 3, -1, -1):
         vector = values[:, at : at + 3]
         known = any(names[at : at + 3]) or flags[at : at + 3].all()
-        if known or any(_is_small(vector - place[end], place[end]) for end in ends):
+        if known or any(_is_small(vector - position[end], position[end]) for end in ends):
             continue
         along = np.einsum("ck,ck->c", vector, normal)
         if along.sum() > 0.5 * np.linalg.norm(vector, axis=1).sum():

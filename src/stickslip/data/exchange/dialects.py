@@ -138,7 +138,7 @@ def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
     columns = {**dict(zip("xyz", rows[:, :dim].T, strict=False)), "diameter": diameter}
     packing = packing_of_columns(columns, path.name, path.stem, dim=dim, cell=cell, periodic=periodic)
     notes = [Assumption(f"{path.name}: positions are assumed to be lengths, not lattice fractions", COLUMNS)]
-    notes += [] if all(periodic[:dim]) else [Obstacle(f"hard walls of {path.name} (F) were not taken over")]
+    notes += [] if all(periodic[:dim]) else [Obstacle(f"hard walls of {path.name} (F) were not imported")]
     return [packing._replace(notes=[*packing.notes, *notes])]
 
 

@@ -1,4 +1,4 @@
-"""Reading packings in a format detected from the content, and writing them in that given by the file extension."""
+"""Read packings in a format detected from the content, and write them in the format of the file extension."""
 
 import difflib
 import re
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 
 class Format(NamedTuple):
-    """A format, with functions that recognize it from the first (decompressed) bytes of a file and read the file."""
+    """A format, with functions that recognise it from the first (decompressed) bytes of a file and read the file."""
 
     name: str
     recognize: Callable[[bytes], bool]
@@ -187,7 +187,7 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     """
     if not (path.is_file() or path.is_dir()):
         raise PackingError(f"{path} is not a file or folder: give a packing; `stickslip docs exchange` lists formats")
-    given, own = separate_law({name: value for name, value in options.items() if value is not None})
+    given, file_law = separate_law({name: value for name, value in options.items() if value is not None})
     i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
     if path.is_dir():
         from .lammps_folder import read_folder
@@ -198,22 +198,22 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
                 "these files"
             )
         packing, contacts = read_folder(path, None if frame == "all" else frame)
-        if contacts and packing.law is None and not given and own is None:
+        if contacts and packing.law is None and not given and file_law is None:
             unused = Absent(f"the memory of contacts in {contacts.name} needs the law: give {', '.join(LAW_OPTIONS)}")
             packing, contacts = packing._replace(notes=[*packing.notes, unused]), None
-        return [_build(path, packing, given, own, i0, _LocalContacts(contacts, None))]
+        return [_build(path, packing, given, file_law, i0, _LocalContacts(contacts, None))]
     form = find_format(path)
     if of_lammps and not form.of_lammps:
         raise PackingError(
-            f"{', '.join(of_lammps)} does not apply to {path.name} ({form.name}): only LAMMPS data and dump "
-            f"files have this option, and a table of grains accepts a table of contacts with columns i j fn ft"
+            f"{', '.join(of_lammps)} does not apply to {path.name} ({form.name}): this option is for LAMMPS data and "
+            "dump files, or for a table of grains together with a table of contacts with columns i j fn ft"
         )
     local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
     if local.path is not None and "boundary" not in of_lammps:
         from .lammps_file import read_boundary
 
         of_lammps["boundary"] = read_boundary(local.path)
-    return [_build(path, packing, given, own, i0, local) for packing in form.read(path, frame, **of_lammps)]
+    return [_build(path, packing, given, file_law, i0, local) for packing in form.read(path, frame, **of_lammps)]
 
 
 class _LocalContacts(NamedTuple):

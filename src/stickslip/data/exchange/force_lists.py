@@ -87,8 +87,8 @@ def _contact_name(name: str) -> str:
 
 def _has_forces(names: list[str] | None) -> bool:
     """Return True if the names include those of two grains and of a force between them."""
-    known = set(map(_contact_name, names or []))
-    return {"i", "j"} <= known and ("fn" in known or {"fx", "fy"} <= known)
+    columns = set(map(_contact_name, names or []))
+    return {"i", "j"} <= columns and ("fn" in columns or {"fx", "fy"} <= columns)
 
 
 def frames_of_lists(path: Path, contacts: Path) -> list[str]:
@@ -213,22 +213,22 @@ def _frame_column(columns: dict[str, np.ndarray]) -> np.ndarray | None:
 
 def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> np.ndarray:
     """Frames in both tables; PackingError if there are none, or only one table has several frames."""
-    known = [np.unique(c[np.isfinite(c)]) for c in map(_frame_column, (grains, forces)) if c is not None]
-    if len(known) == 2:
-        both = np.intersect1d(*known)
+    frames = [np.unique(c[np.isfinite(c)]) for c in map(_frame_column, (grains, forces)) if c is not None]
+    if len(frames) == 2:
+        both = np.intersect1d(*frames)
         if not len(both):
-            some = [", ".join(f"{step:g}" for step in steps[:4]) for steps in known]
+            some = [", ".join(f"{step:g}" for step in steps[:4]) for steps in frames]
             raise PackingError(
                 f"{path} has the frames {some[0]} and {contacts.name} has {some[1]}: give tables of the same frames"
             )
-        if len(alone := np.setxor1d(*known)):
+        if len(alone := np.setxor1d(*frames)):
             some = ", ".join(f"{step:g}" for step in alone[:4]) + (" …" if len(alone) > 4 else "")
             notes.append(f"frames in only one of {path.name} and {contacts.name} are left out: {some}")
         return both
-    if known and len(known[0]) > 1:
+    if frames and len(frames[0]) > 1:
         lacks = contacts if _frame_column(forces) is None else path
-        raise PackingError(f"{lacks} needs a column frame, as the other table has {len(known[0])} frames")
-    return known[0] if known else np.zeros(0)
+        raise PackingError(f"{lacks} needs a column frame, as the other table has {len(frames[0])} frames")
+    return frames[0] if frames else np.zeros(0)
 
 
 def _rows_of(columns: dict[str, np.ndarray], step: float) -> dict[str, np.ndarray]:
@@ -279,15 +279,15 @@ def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[
     if edge.any():
         notes.append(f"grains at an edge are held: {edge.sum()}")
     dim = packing.arrays.get("dim", 3)
-    place, radius = packing.arrays["position"][:, :dim], packing.arrays["radius"]
+    position, radius = packing.arrays["position"][:, :dim], packing.arrays["radius"]
     forces, ends = {name: values[~walls] for name, values in forces.items()}, np.searchsorted(ids, ends[:, ~walls])
     load = np.stack([grains.get(f"load{axis}", zero) for axis in "xyz"[:dim]], axis=1)
-    network = _pressing(contacts, _averaged(contacts, forces, ends, place, ids, notes), ids, notes)
-    network = _near(contacts, network, place, radius, notes)
+    network = _pressing(contacts, _averaged(contacts, forces, ends, position, ids, notes), ids, notes)
+    network = _near(contacts, network, position, radius, notes)
     _note_doubts(contacts, network, notes)
-    _note_sign(contacts, network, place, load, ~held, notes)
+    _note_sign(contacts, network, position, load, ~held, notes)
     return Lists(network | {
-        "position": place, "radius": radius, "held": np.flatnonzero(held), "ids": ids, "load": load,
+        "position": position, "radius": radius, "held": np.flatnonzero(held), "ids": ids, "load": load,
         "position_error": grains.get("positionerror", np.nan),
     }, notes)  # fmt: skip
 

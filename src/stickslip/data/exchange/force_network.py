@@ -250,7 +250,7 @@ def _read_pegs(path: Path) -> MeasuredForces:
         if not ((values > 1e-12) & (values < 1e12)).all():
             raise PackingError(f"{path} has no radii in {unit} ({field}): set the scale in PeGS")
     scale = np.median(radius / pixels)
-    place = scale * np.array([[_number(grain, "x"), _number(grain, "y")] for grain in grains])
+    position = scale * np.array([[_number(grain, "x"), _number(grain, "y")] for grain in grains])
     seen: dict[tuple[int, int], list[tuple[float, float]]] = {}
     held = set()
     for k, grain in enumerate(grains):
@@ -278,7 +278,7 @@ def _read_pegs(path: Path) -> MeasuredForces:
     )
     with naming(path):
         return measured_forces(
-        place, radius, *np.array(both)[kept].T, mean_n[kept], mean_t[kept], held=sorted(held), ids=ids, notes=[note],
+        position, radius, *np.array(both)[kept].T, mean_n[kept], mean_t[kept], held=sorted(held), ids=ids, notes=[note],
         force_n_error=error[0] or np.nan, force_t_error=error[1] or np.nan,
     )  # fmt: skip
 

@@ -327,8 +327,8 @@ def _graph_of(frame: Frame) -> "networkx.MultiGraph":
     n = len(state.grains.radius)
     places = [*state.grains.position.tolist(), *state.walls.point.tolist()]
     sizes = [*state.grains.radius.tolist(), *[0.0] * len(state.walls.mass)]
-    for body, (place, radius) in enumerate(zip(places, sizes, strict=True)):
-        graph.add_node(body, wall=body >= n, radius=radius, **dict(zip("xyz", place, strict=True)))
+    for body, (position, radius) in enumerate(zip(places, sizes, strict=True)):
+        graph.add_node(body, wall=body >= n, radius=radius, **dict(zip("xyz", position, strict=True)))
     names = "i", "j", "force_n", "force_t", "mode"
     more = [{"bond": bond} for bond in columns["bond"].tolist()] if "bond" in columns else [{}] * len(columns["i"])
     for about, i, j, force_n, force_t, mode in zip(more, *(columns[name].tolist() for name in names), strict=True):

@@ -139,7 +139,7 @@ def recognize(head: bytes) -> bool:
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read frames of a GSD file, named by their number from 0; of foreign files, arrays for `from_arrays`.
+    """Read frames of a GSD file, named by their number from 0; for foreign files, arrays for `from_arrays`.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 `bpm/spring` and `bpm/rotational` keep the length and the direction that each bond had when LAMMPS first evaluated it
 after `bond_style`; restart files contain them, data files and dumps do not. LAMMPS uses the present ones when it reads
-a data file. `harmonic` has the energy K (r − r₀)², so that its stiffness is 2K.
+a data file. `harmonic` has the energy K (r − r₀)², so its stiffness is 2K.
 
 Source: LAMMPS documentation of `bond_style bpm/spring`, `bpm/rotational`, `harmonic` and `special_bonds`; the powers
 with which loads fade, 8 and 4, were measured with LAMMPS 2022 to 2025.
@@ -32,7 +32,7 @@ WEIGHTS = {"amber": "0 0 0.5", "charmm": "0 0 0", "dreiding": "0 0 1", "fene": "
 MOVING = ("displace_atoms", "change_box", "read_dump", "replicate")  # commands that move grains without a run
 RUNNING = ("run", "minimize", "rerun")
 REST = 1e-20  # energy of a bond at rest over k_n r₀²
-ENDLESS = 1e200  # strength beyond which a bond has no limit
+ENDLESS = 1e200  # strength above which a bond counts as unbreakable
 
 
 def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray, labels: dict[str, str]) -> ListedBonds:
@@ -57,7 +57,7 @@ def note_on_bonds(bonds: ListedBonds, why: str = "") -> list[Obstacle]:
     """Note on bonds without their laws, which a run folder would supply; `why` is the reason if there are commands."""
     if not len(bonds.i):
         return []
-    text = f"{pluralize(len(bonds.i), 'bond')} of {bonds.source} were not taken over: "
+    text = f"{pluralize(len(bonds.i), 'bond')} of {bonds.source} were not imported: "
     return [Obstacle(text + (why or "give the run folder, whose log contains their laws"), BONDS)]
 
 

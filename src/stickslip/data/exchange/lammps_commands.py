@@ -261,15 +261,15 @@ class Run(NamedTuple):
 
     def steps(self) -> tuple[float, float] | None:
         """First and last time step; None if unknown."""
-        known = [block for block in self.blocks if block.start is not None]
-        if not known or len(known) < len(self.blocks):
+        blocks = [block for block in self.blocks if block.start is not None]
+        if not blocks or len(blocks) < len(self.blocks):
             return None
-        return min(block.start for block in known), max(block.end for block in known)
+        return min(block.start for block in blocks), max(block.end for block in blocks)
 
     def goes_back(self) -> bool:
         """Return True if a run had earlier time steps than a previous one, as after `reset_timestep`."""
-        known = [block.start for block in self.blocks if block.start is not None]
-        return any(later < start for start, later in pairwise(known))
+        starts = [block.start for block in self.blocks if block.start is not None]
+        return any(later < start for start, later in pairwise(starts))
 
     def has_step(self, step: int) -> bool:
         """Return True if a time step may be one of the run."""
@@ -313,7 +313,8 @@ def _empty(source: str, year: int = 0) -> Run:
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
-    """Number of events up to the state in a file: the last command that wrote it, or the run that reached it.
+    """Number of events before the state in a file was written: up to the last command that wrote it, or the run that
+    reached it.
 
     Only commands before a run affect files written during it. If several runs reached a time step, as after
     `reset_timestep`, the last one in which a command wrote the file counts.
@@ -459,7 +460,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.settings[LATTICE] = run.settings.get(LATTICE) or rest
         return run
     if key == BONDS:
-        run.acts[f"{key} {rest[-1]}"] = f"{' '.join(rest)} ({place}) were not taken over: {BONDED}"
+        run.acts[f"{key} {rest[-1]}"] = f"{' '.join(rest)} ({place}) were not imported: {BONDED}"
         return run
     if key == MEMBERS:
         run.groups.get(rest[-1], []).append(["count", rest[0]])
@@ -484,10 +485,10 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         row = find_row("style beside the pair style", plain_style(rest[0]) if rest else "none")
         run.acts.pop(key, None)  # until another one replaces it
         if row.group == UNKNOWN:
-            run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not taken over: {row.why}"
+            run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not imported: {row.why}"
     elif group_of("command", key) == UNKNOWN:
         why = find_row("command", key).why or "it is unknown"
-        run.acts[" ".join(tokens)] = f"{' '.join(tokens[:6])} ({place}) was not taken over: {why}"
+        run.acts[" ".join(tokens)] = f"{' '.join(tokens[:6])} ({place}) was not imported: {why}"
     elif key == "pair_coeff" and len(rest) > 1:
         run.pair_coeff.append(rest)
     elif key in ("fix", "unfix", "group", "region"):

@@ -91,7 +91,7 @@ class Course:
         return [key for key, tokens in self.run.fixes.items() if tokens[1].startswith("wall/gran")].index(name)
 
     def obstacle(self, text: str, about: str = "") -> None:
-        """Add a note on something that acts, or may act, and was not taken over."""
+        """Add a note on something that acts, or may act, and was not imported."""
         self.notes.append(Obstacle(text, about))
         self.met[UNKNOWN].append(text)
 
@@ -117,7 +117,7 @@ class Course:
     def push(self, members: np.ndarray) -> None:
         """Check that a fix does not act on grains held by a previous fix; ValueError otherwise."""
         if (members & self.moved & ~self.free[:, :3].all(axis=1)).any():
-            raise ValueError("it follows the fix that holds some of its grains, so that these move")
+            raise ValueError("it follows the fix that holds some of its grains, so these move")
 
 
 def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> None:
@@ -150,10 +150,10 @@ def _wall_law(course: Course, arguments: list[str]) -> tuple[Contact, list[str]]
 
 def _add_wall(course: Course, name: str, wall: Plane) -> None:
     """Add a wall, and note grains behind it, which would be inside the wall here."""
-    place, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
-    course.push(wall.overlap(place, radius) > 0)
+    position, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
+    course.push(wall.overlap(position, radius) > 0)
     course.walls.append(wall)
-    behind = int((place @ wall.normal < wall.height).sum())
+    behind = int((position @ wall.normal < wall.height).sum())
     if behind:
         course.obstacle(
             f"{pluralize(behind, 'grain')} behind the wall of fix {name}: LAMMPS pushes them to the other side or not "
@@ -240,11 +240,11 @@ def _inner_faces(bounds: np.ndarray, left_open: Sequence[str], number: int) -> l
 
 def _touched_face(course: Course, bounds: np.ndarray, number: int) -> Plane:
     """Face of a block that serves as a wall for grains outside; ValueError if they touch several faces, or an edge."""
-    place, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
+    position, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
     for wall in _inner_faces(bounds, (), number):
         axis, wall = wall.face // 2, Plane(-wall.height, -wall.normal, number)
-        above = np.delete((place >= bounds[:, 0]) & (place <= bounds[:, 1]), axis, axis=1).all(axis=1)
-        if (place @ wall.normal >= wall.height).all() and above[wall.overlap(place, radius) > 0].all():
+        above = np.delete((position >= bounds[:, 0]) & (position <= bounds[:, 1]), axis, axis=1).all(axis=1)
+        if (position @ wall.normal >= wall.height).all() and above[wall.overlap(position, radius) > 0].all():
             return wall
     raise ValueError("grains touch several faces of its block from outside, or its edges, but walls here have no edges")
 
@@ -349,11 +349,11 @@ MOVERS = {  # fixes that move grains, and whether they also rotate them
 
 def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
     """Memory with the wall numbers used here; of two planes of a fix, a grain touches the nearer."""
-    place, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
+    position, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
     wall, deepest = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf)
     slip, turned = memory.wall_slip.copy(), np.zeros((len(wall), lammps_restart.ROTATIONS))
     for k, plane in enumerate(course.walls):
-        overlap, contact = plane.overlap(place, radius), course.contacts[0, course.kinds + k]
+        overlap, contact = plane.overlap(position, radius), course.contacts[0, course.kinds + k]
         touches, slips, more = lammps_restart.wall_values(memory, BY_NAME[contact.law].bonds)
         mine = (memory.wall == plane.number) & ((memory.face == plane.face) | (memory.face < 0))
         mine &= (overlap > deepest) & touches
@@ -361,10 +361,10 @@ def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_
         turned[mine] = lammps_restart.rotations(more[mine], *memory_layout([contact]))
         if plane.scale:  # the force of LAMMPS under a k_t common to all grains
             slip[mine] *= (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
-    known = wall >= 0
+    at_wall = wall >= 0
     pairs = [contact for pair, contact in course.contacts.items() if max(pair) < course.kinds]
     return memory._replace(
-        wall=wall[known], grain=memory.grain[known], wall_slip=slip[known], wall_more=turned[known],
+        wall=wall[at_wall], grain=memory.grain[at_wall], wall_slip=slip[at_wall], wall_more=turned[at_wall],
         more=lammps_restart.rotations(memory.more, *memory_layout(pairs)),
     )  # fmt: skip
 
@@ -379,10 +379,10 @@ def take_over(course: Course) -> None:
     for sentence in run.acts.values():
         course.obstacle(sentence)
     for part in run.settings.get("exclude", []):
-        course.obstacle(f"neigh_modify exclude {part} was not taken over: contacts that it excludes exist here")
+        course.obstacle(f"neigh_modify exclude {part} was not imported: contacts that it excludes exist here")
     units = run.settings.get("units", ["lj"])[0]
     if units not in SAME_UNITS:
-        course.obstacle(f"units {units}, in which LAMMPS converts forces, were not taken over")
+        course.obstacle(f"units {units}, in which LAMMPS converts forces, were not imported")
     restored = "read_restart" in run.met[USED]  # with the dimension
     if course.packing.arrays.get("dim") == 2 and run.settings.get("dimension") != ["2"] and not restored:
         course.obstacle(
@@ -408,7 +408,7 @@ def _try(course: Course, name: str, take, *given) -> None:
         why = f"group {group} is composed of too many others"
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         why = str(problem).replace("could not convert string to float:", "a number is expected in place of")
-    text = f"fix {name} ({style}) was not taken over: {why} ({course.run.places[name]})"
+    text = f"fix {name} ({style}) was not imported: {why} ({course.run.places[name]})"
     if text not in course.met[UNKNOWN]:
         course.obstacle(text)
 
@@ -462,9 +462,9 @@ def _take_bonds(course: Course) -> None:
     if listed is None:
         remedy = "no file lists the bonds at that time; write one with `write_data` or `write_restart`"
         for command in told.made:
-            course.obstacle(f"{command} was not taken over: {BONDED}; {remedy}")
+            course.obstacle(f"{command} was not imported: {BONDED}; {remedy}")
         if told.style and find_row("bond style", told.style[0]).group != HARMLESS:
-            course.obstacle(f"{style} ({told.place}) was not taken over: {BETWEEN}; {remedy}")
+            course.obstacle(f"{style} ({told.place}) was not imported: {BETWEEN}; {remedy}")
         return
     course.run.acts.pop("(bonds) bonds", None)
     if not len(listed.i):
@@ -484,8 +484,8 @@ def _take_bonds(course: Course) -> None:
         course.bonds, acting = laws_of_bonds(told, listed)
         course.met[USED].append(style)
     except (ValueError, IndexError, TypeError) as problem:
-        place = told.place or course.run.source
-        course.obstacle(f"bonds of {listed.source} were not taken over: {problem} ({place})")
+        source = told.place or course.run.source
+        course.obstacle(f"bonds of {listed.source} were not imported: {problem} ({source})")
     course.notes += notes_on_rest(told, listed, acting)
     left = note_on_contacts(told, listed, course.n, *course.contacts_of_grains())
     course.notes += [] if left is None or isinstance(left, Obstacle) else [left]
@@ -515,8 +515,8 @@ def _take_pairs(course: Course) -> None:
             raise ValueError("no pair_coeff defines a law for the types of the grains")
         course.met[USED].append(f"pair_style {style}")
     except (ValueError, IndexError, KeyError, TypeError) as problem:
-        place = course.run.places.get("pair_style", course.run.source)
-        course.obstacle(f"pair_style {style} was not taken over: {problem} ({place})")
+        source = course.run.places.get("pair_style", course.run.source)
+        course.obstacle(f"pair_style {style} was not imported: {problem} ({source})")
 
 
 def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:

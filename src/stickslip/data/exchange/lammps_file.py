@@ -140,16 +140,16 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
     def vectors(*names):
         return _finite_numbers(table, path, *names) if table.has(*names) else None
 
-    place, normal = np.searchsorted(packing.ids, ends), vectors("fx", "fy", "fz")
+    index, normal = np.searchsorted(packing.ids, ends), vectors("fx", "fy", "fz")
     branch, tangential = vectors("dx", "dy", "dz"), vectors("tx", "ty", "tz")
     if tangential is None:
-        n, total = pair_branches(packing, *place.T), _finite_numbers(table, path, *TOTAL)
+        n, total = pair_branches(packing, *index.T), _finite_numbers(table, path, *TOTAL)
         n /= np.linalg.norm(n, axis=1, keepdims=True)
         normal = np.einsum("ck,ck->c", total, n)[:, None] * n
         tangential = total - normal
     named = [name for name in table.columns if name and not name.startswith(SKIPPED)]
     notes = account_for("column of contacts", named, path.name)
-    return Pairs(*place.T, branch, vectors("dist"), normal, tangential, tuple(notes))
+    return Pairs(*index.T, branch, vectors("dist"), normal, tangential, tuple(notes))
 
 
 def _finite_numbers(table: Table, path: Path, *names: str) -> np.ndarray:
@@ -238,7 +238,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     new = contacts._replace(slip=contacts.slip.copy(), mode=contacts.mode.copy())
     new.slip[:] = 0.0
     new.slip[rows], new.mode[rows] = slip, np.where(slides, SLIDE, STICK)
-    # if dashpots bear part of the force, LAMMPS keeps the slip of sliding contacts below the limit
+    # if dashpots carry part of the force, LAMMPS keeps the slip of sliding contacts below the limit
     return accepted(state._replace(contacts=new), law, modes=True, within=1.0)
 
 
@@ -267,7 +267,7 @@ def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
     if miss > OTHER_LAW:
         raise PackingError(
-            f"normal forces of the law differ from those in the dump by up to {miss:.2g} of their mean, so that law, "
+            f"normal forces of the law differ from those in the dump by up to {miss:.2g} of their mean, so law, "
             f"types or run differ: give the law, kn and damping_n used in LAMMPS, and enough digits ({ALL_DIGITS})"
         )
     if miss > NEGLIGIBLE:

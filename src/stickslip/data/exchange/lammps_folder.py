@@ -366,7 +366,7 @@ def _dump_of(path: Path, run: Run | None) -> Dump | None:
 
 
 def _mismatch(path: Path, packing: Packing, run: Run) -> str:
-    """Sentence on a time step or number of grains that does not occur in the run of a log; empty if both do."""
+    """Sentence on a time step or number of grains that does not occur in the run of a log; empty if both occur."""
     n = len(packing.arrays["radius"])
     if not run.has_step(packing.step):
         return f"the grains have time step {packing.step}, {_steps_of(run)}: they belong to another run"

@@ -152,15 +152,15 @@ def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
     if not content.startswith(MAGIC) or not content.endswith(MAGIC):
         raise ValueError("not a complete LAMMPS restart file")
     while (start := content.find(mark, start)) >= 0:
-        place, blocks = start + len(HEADER_END), []
-        while content[place : place + 4] == BLOCK:
-            reader = Reader(content, place + len(BLOCK))
+        offset, blocks = start + len(HEADER_END), []
+        while content[offset : offset + 4] == BLOCK:
+            reader = Reader(content, offset + len(BLOCK))
             try:
                 blocks.append(reader.array("<f8", reader.number("<i")))
             except ValueError:
                 break
-            place = reader.at
-        if place == len(content) - len(MAGIC):
+            offset = reader.at
+        if offset == len(content) - len(MAGIC):
             return start + len(HEADER_END), blocks
         start += 1
     raise ValueError("a LAMMPS restart file in an unknown format")
@@ -248,12 +248,12 @@ def _list_bonds(
     bonds = list_bonds(source, ids, kind[once], ends[once], {})
     length, direction = memory[once, 0], memory[once, 1:]
     i, j = (Rotation.from_quat(turned[rows][:, [1, 2, 3, 0]]) for rows in (bonds.i, bonds.j))
-    known = direction.any(axis=1) & (length > 0)
+    complete = direction.any(axis=1) & (length > 0)
     now = (i * j.inv()).as_quat()[:, [3, 0, 1, 2]]
     return bonds._replace(
         length=length,
-        direction=np.where(known[:, None], j.apply(direction), 0.0),
-        turn=np.where(known[:, None], now, 0.0),
+        direction=np.where(complete[:, None], j.apply(direction), 0.0),
+        turn=np.where(complete[:, None], now, 0.0),
         signed=True,
     )
 
@@ -314,15 +314,16 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     if not spheres:
         read = "supported are sphere, bpm/sphere, and hybrids of sphere and bond"
         raise PackingError(f"{path} has atoms of style {about[STYLE]}, but {read}: {remedy}")
-    known = read_restart(path)
-    if len(known.ids) != about[ATOMS]:
+    restart = read_restart(path)
+    if len(restart.ids) != about[ATOMS]:
         raise PackingError(
-            f"{path} has {len(known.ids)} of {about[ATOMS]} grains: its parts belong to other runs or times"
+            f"{path} contains only {len(restart.ids)} of {about[ATOMS]} grains: its parts belong to different runs or "
+            "times"
         )
     vectors = restricted_box(about[HIGH] - about[LOW], about.get(XY, 0.0), about.get(XZ, 0.0), about.get(YZ, 0.0))
     arrays = {
-        "position": known.position + whole_periods(known.image, vectors), "radius": known.radius, "mass": known.mass,
-        "velocity": known.velocity, "spin": known.spin,
+        "position": restart.position + whole_periods(restart.image, vectors), "radius": restart.radius,
+        "mass": restart.mass, "velocity": restart.velocity, "spin": restart.spin,
     }  # fmt: skip
     flags = about[BOUNDARY].reshape(3, 2)
     box = Table(int(about[STEP]), vectors, about[LOW], (flags == 0).all(axis=1), {})
@@ -331,26 +332,26 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     stored = stored_fixes(content[:start])
     walls = [style for style in stored.values() if style.startswith(WALL)]
     left_out = [
-        f"fix {name} ({style}) {'acts on the grains' if style in walls else 'is not understood'}: {NO_PLACE}"
+        f"fix {name} ({style}) {'acts on the grains' if style in walls else 'is unknown'}: {NO_PLACE}"
         for name, style in stored.items()
         if style in walls or group_of("fix", style) == UNKNOWN
     ]
     notes = [*([] if walls else notes), *said, *(Obstacle(part, FIXES) for part in left_out)]
-    notes += note_on_bonds(known.bonds)
+    notes += note_on_bonds(restart.bonds)
     if about[UNITS] not in SAME_UNITS:
-        notes.append(Obstacle(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over"))
+        notes.append(Obstacle(f"units {about[UNITS]}, in which LAMMPS converts forces, were not imported"))
     notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
     return Packing(
         str(box.step),
         arrays,
         notes,
         box.step,
-        known.ids,
-        known.types,
-        memory=known,
+        restart.ids,
+        restart.types,
+        memory=restart,
         law=law,
-        labels=_groups_and_labels(content, known.mask)[1],
-        bonds=known.bonds,
+        labels=_groups_and_labels(content, restart.mask)[1],
+        bonds=restart.bonds,
     )
 
 
@@ -443,7 +444,7 @@ def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     """Options of `law_by_name` for the pair style in a header, or a note on why there is no law."""
     style, at = _pair_style(head)
     if style not in ("none", "granular") and style.removeprefix("gran/") not in HISTORY_LAWS and style[:6] != "hybrid":
-        return None, [Obstacle(f"pair_style {style} of the restart file was not taken over: {no_equal(style)}", PAIRS)]
+        return None, [Obstacle(f"pair_style {style} of the restart file was not imported: {no_equal(style)}", PAIRS)]
     if style.removeprefix("gran/") not in HISTORY_LAWS:
         text = f"the coefficients of pair_style {style}: give the run folder, or the law with --law"
         return None, [Absent(text, PAIRS)]
@@ -493,7 +494,7 @@ def _string(reader: Reader) -> str:
 
 def _read_own(block: np.ndarray, start: np.ndarray, columns: Sequence[str]):
     """Columns of an atom style in a block, number of bonds of each grain, position of the first, and the end."""
-    own = {"orientation": np.tile([1.0, 0, 0, 0], (len(start), 1))}
+    extra = {"orientation": np.tile([1.0, 0, 0, 0], (len(start), 1))}
     at, count, first = start + OWN, np.zeros(len(start), np.int64), start
     for name in columns:
         if name == "bonds":
@@ -503,9 +504,9 @@ def _read_own(block: np.ndarray, start: np.ndarray, columns: Sequence[str]):
             at = at + 1 + 2 * count
         else:
             places = at[:, None] + np.arange(WIDTHS.get(name, 1))
-            own[name] = block[np.minimum(places, len(block) - 1)]
+            extra[name] = block[np.minimum(places, len(block) - 1)]
             at = at + places.shape[1]
-    return own, count, first, at
+    return extra, count, first, at
 
 
 def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np.ndarray, memories: dict):
@@ -518,8 +519,8 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
     number = np.arange(count.sum()) - np.repeat(
         np.cumsum(count) - count, count
     )  # index of a bond among those of its grain
-    place = np.repeat(first, count) + number
-    kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (place, place + np.repeat(count, count)))
+    row = np.repeat(first, count) + number
+    kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (row, row + np.repeat(count, count)))
     memory = np.zeros((len(number), 4))
     for style, (entry, end) in memories.items():
         width = BOND_MEMORY[style]
@@ -602,15 +603,15 @@ def restore_memory(state: State, law: Law, saved: Restart) -> State:
     theirs = np.append(saved.i * state.n_bodies + saved.j, saved.grain * state.n_bodies + n + saved.wall)
     values, more = (np.concatenate(parts) for parts in ((saved.slip, saved.wall_slip), (saved.more, saved.wall_more)))
     order = np.argsort(theirs)
-    place = np.searchsorted(theirs, key, sorter=order)
-    place = order[np.minimum(place, len(order) - 1)] if len(order) else place
-    known = theirs[place] == key if len(order) else np.zeros(count, bool)
+    index = np.searchsorted(theirs, key, sorter=order)
+    index = order[np.minimum(index, len(order) - 1)] if len(order) else index
+    found = theirs[index] == key if len(order) else np.zeros(count, bool)
     mode, pair, slip = listed.mode.copy(), listed.pair.copy(), np.zeros_like(listed.slip)
     if bridges_gaps(law.kind):  # LAMMPS also keeps jkr bonds of grains beyond the contact range
-        bonds = np.flatnonzero(known & (mode[:count] == OPEN) & (-overlaps(bare) < _ranges(bare, law)))
+        bonds = np.flatnonzero(found & (mode[:count] == OPEN) & (-overlaps(bare) < _ranges(bare, law)))
         mode[bonds], pair[bonds] = STICK, branch_vectors(bare)[bonds]
-    known &= mode[:count] != OPEN
-    slip[:count][known] = values[place[known]]
+    found &= mode[:count] != OPEN
+    slip[:count][found] = values[index[found]]
     full = accept(bare, listed._replace(slip=slip, mode=mode, pair=pair))
     if law.properties & KEEPS_FORCE:  # the memory of LAMMPS is the force on i
         k = linearise(full, law, memory=FROZEN).stiffness_t[:, None]
@@ -620,7 +621,7 @@ def restore_memory(state: State, law: Law, saved: Restart) -> State:
     slides, frictional = _slides(full, law, rows)
     mode[rows[frictional]] = np.where(slides, SLIDE, STICK)[frictional]
     full = accept(full, full.contacts._replace(mode=mode, reached=listed.reached | (mode == SLIDE)))
-    return _with_rotations(full, law, np.flatnonzero(known), more[place[known]]) if resists_rolling(law) else full
+    return _with_rotations(full, law, np.flatnonzero(found), more[index[found]]) if resists_rolling(law) else full
 
 
 def _ranges(state: State, law: Law) -> np.ndarray:

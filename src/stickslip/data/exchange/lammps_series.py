@@ -179,8 +179,8 @@ def _read_head(file: BinaryIO, digest) -> tuple[int, str, int] | None:
 def _damaged_frame(file: BinaryIO, path: Path, start: int, step: int, damage: str) -> DumpFrame | None:
     """Damaged frame, which ends where the next one begins; None if there is none yet."""
     stop = _find_time_step(file)
-    place = f"{path.name}, step {step}" if step >= 0 else f"{path.name}, byte {start}"
-    return None if stop is None else DumpFrame(step, "", path, start, stop, "", f"{place}: {damage}")
+    location = f"{path.name}, step {step}" if step >= 0 else f"{path.name}, byte {start}"
+    return None if stop is None else DumpFrame(step, "", path, start, stop, "", f"{location}: {damage}")
 
 
 def frames_of(dumps: dict[Path, Dump], kind: str) -> tuple[dict[int, DumpFrame], list[str]]:
@@ -292,18 +292,18 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     _require_dumps(folder, grains, GRAINS)
     path = Path(contacts or "*")
     where = folder / path if path.parent == Path() else path
-    given, own = separate_law(given)
+    given, file_law = separate_law(given)
     memory = memory and (_await_contacts(folder, grains, where) or contacts is not None)
     run = None
-    if own is None and "law" not in given and Path(place).is_dir():
+    if file_law is None and "law" not in given and Path(place).is_dir():
         with suppress(PackingError):  # the run may not have started yet
             run = read_folder(folder)[0]
-    if own is None and "law" not in given and (run is None or run.law is None):
+    if file_law is None and "law" not in given and (run is None or run.law is None):
         raise PackingError(
             "LAMMPS dumps do not contain the contact law: give --law with --kn, --kt and --mu as in the pair_style, "
             "or a folder with log.lammps or the input script"
         )
-    law = own or (chosen_law(run, given, None, memory=memory) if run else lammps_law(given, memory=memory))
+    law = file_law or (chosen_law(run, given, None, memory=memory) if run else lammps_law(given, memory=memory))
     if memory:
         _require_dumps(where.parent, where.name, CONTACTS)
     return Source(folder, grains, where if memory else None, law, columns, boundary, i0, run)

@@ -213,7 +213,7 @@ def check_ids(path: Path, ids: np.ndarray) -> None:
     if not np.diff(ids).all():
         twice = ids[:-1][np.diff(ids) == 0]
         raise PackingError(
-            f"{path} has grain {twice[0]} twice in one time step, so that several files or steps were merged: give "
+            f"{path} has grain {twice[0]} twice in one time step, so several files or steps were merged: give "
             "the original dump"
         )
 
@@ -229,12 +229,12 @@ def _position(table: Table, path: Path) -> np.ndarray:
     whole = whole_periods(table.numbers("ix", "iy", "iz"), vectors) if table.has("ix", "iy", "iz") else 0.0
     for mark in ("u", ""):
         if table.has(*(axis + mark for axis in AXES)):
-            place = table.numbers(*(axis + mark for axis in AXES))
-            return place if mark else place + whole
+            position = table.numbers(*(axis + mark for axis in AXES))
+            return position if mark else position + whole
     for mark in ("su", "s"):
         if table.has(*(axis + mark for axis in AXES)):
-            place = corner + table.numbers(*(axis + mark for axis in AXES)) @ vectors
-            return place + (whole if mark == "s" else 0.0)
+            position = corner + table.numbers(*(axis + mark for axis in AXES)) @ vectors
+            return position + (whole if mark == "s" else 0.0)
     raise PackingError(
         f"{path} has columns {' '.join(table.columns)}: it needs x y z, xu yu zu, xs ys zs or xsu ysu zsu ({RENAMED})"
     )

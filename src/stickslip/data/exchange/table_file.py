@@ -66,8 +66,8 @@ def recognize(head: bytes) -> bool:
 
 def has_grains(names: list[str] | None) -> bool:
     """Return True if names of positions and radii are among these."""
-    known, _ = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
-    return "position" in known and bool({"radius", "diameter"} & set(known))
+    arrays, _ = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
+    return "position" in arrays and bool({"radius", "diameter"} & set(arrays))
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:
@@ -121,7 +121,7 @@ def read_columns(
     if not named and nameless is not None and lines and (names := nameless.get(len(_split(lines[0])))) is None:
         allowed = " or ".join(f"{n} ({' '.join(known)})" for n, known in nameless.items())
         raise PackingError(
-            f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are recognized, name others"
+            f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are recognised, name others"
         )
     below = [line for line in lines[named:] if not line.startswith(COMMENT)]
     while len(below) > 1 and TOTALS.fullmatch(next(filter(None, _split(below[-1])), "").strip(" :.")):
@@ -134,7 +134,7 @@ def read_columns(
         )
         rows = rows[~empty]
     if names is None and (names := names_by_content(rows)) is None:
-        raise PackingError(f"{path} has {rows.shape[1]} columns without names: {LAYOUTS} are recognized, name others")
+        raise PackingError(f"{path} has {rows.shape[1]} columns without names: {LAYOUTS} are recognised, name others")
     if not named:
         notes.append(Assumption(f"{path.name} does not name its columns: {' '.join(names)} is assumed", COLUMNS))
     columns = {name: values for name, values in zip(names, rows.T, strict=True) if name or np.isfinite(values).any()}

@@ -206,7 +206,7 @@ def member(chosen: Sweep, k: int) -> Member:
 def values_of(chosen: Sweep, k: int) -> dict:
     """Return the values of the swept keys of member `k`."""
     places = zip(np.unravel_index(k, chosen.shape), chosen.groups, strict=True)
-    return {axis.key: axis.values[place] for place, group in places for axis in group}
+    return {axis.key: axis.values[index] for index, group in places for axis in group}
 
 
 def describe_differences(old: dict, new: dict) -> str:

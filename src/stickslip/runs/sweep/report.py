@@ -70,10 +70,10 @@ def run_with_progress(
             shutil.rmtree(target, ignore_errors=True)
         if count := gather_members(target, chosen, names, gather):
             console.print(f"{count} members gathered from {len(gather)} folders.")
-        done, own = _count_finished(target, names), [names[k] for k in sorted(members_of(part, names))]
+        done, members = _count_finished(target, names), [names[k] for k in sorted(members_of(part, names))]
         if part:
-            console.print(f"Part {part[0]} of {part[1]}: {len(own)} members.")
-        stage = f"{len(set(own)) - _count_finished(target, own)} members to run" + (
+            console.print(f"Part {part[0]} of {part[1]}: {len(members)} members.")
+        stage = f"{len(set(members)) - _count_finished(target, members)} members to run" + (
             f", {done} already done" if done else ""
         )
         report(stage, 0.0, f"on {where.words}")

@@ -113,12 +113,12 @@ def read_finished(folder: Path) -> dict | None:
     try:
         if not ((folder / MEASURES).is_file() and (folder / NUMBERS).is_file()):
             return None
-        known = json.loads((folder / MEASURES).read_text(encoding="utf-8"))
-        whole = known["stickslip"] == __version__ and 0 <= known["seconds"] < math.inf
+        saved = json.loads((folder / MEASURES).read_text(encoding="utf-8"))
+        whole = saved["stickslip"] == __version__ and 0 <= saved["seconds"] < math.inf
         plain = all(
-            isinstance(value, (int, float)) and isinstance(unit, str) for value, unit in known["measures"].values()
+            isinstance(value, (int, float)) and isinstance(unit, str) for value, unit in saved["measures"].values()
         )
-        return known if whole and plain else None
+        return saved if whole and plain else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
@@ -193,13 +193,13 @@ def gather_members(folder: Path, chosen: Sweep, names: list[str], parts: list[Pa
             )
         check_hidden(part, is_run_file)
         for name in dict.fromkeys(names):
-            place, source = folder / MEMBERS / name, part / MEMBERS / name
-            if read_finished(source) and not read_finished(place):
-                copy = place.with_name(f".{name}")
-                for old in (copy, place):
+            target, source = folder / MEMBERS / name, part / MEMBERS / name
+            if read_finished(source) and not read_finished(target):
+                copy = target.with_name(f".{name}")
+                for old in (copy, target):
                     shutil.rmtree(old, ignore_errors=True)
                 shutil.copytree(source, copy)
-                copy.replace(place)
+                copy.replace(target)
                 count += 1
     return count
 
@@ -222,18 +222,18 @@ def _parse_sweep(text: str) -> Sweep:
 
 def _run_member(text: str, k: int, folder: str, look: Look | None, report) -> MemberOutput:
     """Run one member in any process, in its folder if the process can access it; otherwise return its files."""
-    chosen, place = member(_parse_sweep(text), k), Path(folder)
-    assert place.name in (chosen.name, FIRST), f"{place.name} is not {chosen.name}"
+    chosen, target = member(_parse_sweep(text), k), Path(folder)
+    assert target.name in (chosen.name, FIRST), f"{target.name} is not {chosen.name}"
     short = short_names(chosen.values)
     label = ", ".join(
         f"{short[key]} = {v:.6g}" if isinstance(v, float) else f"{short[key]} = {v}" for key, v in chosen.values.items()
     )
     report(label, 0.0, "started")
     report = within(report, prefix=f"{label}: ")
-    if is_same_sweep(place.parent.parent / SWEEP, text):
-        return MemberOutput(*_run_in_folder(chosen.scenario, place, look, report), {})
+    if is_same_sweep(target.parent.parent / SWEEP, text):
+        return MemberOutput(*_run_in_folder(chosen.scenario, target, look, report), {})
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / place.name
+        folder = Path(scratch) / target.name
         seconds, measures = _run_in_folder(chosen.scenario, folder, look, report)
         return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in list_files(folder)})
 

@@ -2,8 +2,8 @@
 
 LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. LAMMPS moves grains with their
 laboratory velocities u = v + L x at mid-step, where v are the velocities used here. The effect of the cell on the
-grains is therefore a force of `fix addforce`, which changes u of one step to that of the next (⁺) by way of v at the
-end of the step:
+grains is therefore applied as a force of `fix addforce`. It takes u of one step to that of the next (⁺), through v at
+the end of the step:
 
     v = σ (T ((1 + ½ dt L) u − L x) + ½ dt F/m),    u⁺ = K⁺ (T⁺ (κ v + ½ dt F/m) + L⁺ x),
 

@@ -338,8 +338,8 @@ def _read_motion(
     whole, inside = restart.image * state.cell.periodic, restart.position
     vectors = following - leg.dt * state.cell.vectors @ rate.T
     if rate.any():
-        place = read_dump(dumped)[0][0].numbers("xu", "yu", "zu")
-        inside = inside + np.round((place - inside - whole @ vectors) @ np.linalg.inv(vectors)) @ vectors
+        position = read_dump(dumped)[0][0].numbers("xu", "yu", "zu")
+        inside = inside + np.round((position - inside - whole @ vectors) @ np.linalg.inv(vectors)) @ vectors
     change = step * leg.dt * state.cell.vectors @ rate.T
     cell = state.cell._replace(vectors=state.cell.vectors + change, rate=rate.copy())
     return cell, inside + whole @ vectors, restart.velocity - inside @ rate.T
@@ -405,10 +405,10 @@ def write_job(folder: Path, legs: list[Leg], ranks: int) -> list[Path]:
     clear_legs(folder)
     paths, ends, begin = [], [], DATA
     for number, leg in enumerate(legs):
-        place = leg_folder(folder, number)
-        paths.append(write_input(leg._replace(number=number), place, begin=begin))
-        ends.append(restart_path(leg, place, leg.steps))
-        begin = f"../{place.name}/{ends[-1].name}"
+        path = leg_folder(folder, number)
+        paths.append(write_input(leg._replace(number=number), path, begin=begin))
+        ends.append(restart_path(leg, path, leg.steps))
+        begin = f"../{path.name}/{ends[-1].name}"
     return [*paths, *write_scripts(folder, ends, ranks)]
 
 

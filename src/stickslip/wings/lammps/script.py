@@ -340,7 +340,7 @@ def _held_commands(leg: Leg, name: str, body: int) -> list[str]:
 
 
 def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
-    """Velocity along driven axes, and forces and springs along free axes; each grain bears an equal share."""
+    """Velocity along driven axes, and forces and springs along free axes; each grain carries an equal share."""
     control, body, n = leg.state.control, members[0], len(members)
     free = control.free[body, :3] & (np.arange(3) < leg.state.cell.dim)
     lines, parts = [], []
@@ -351,8 +351,8 @@ def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
         stiffness = control.spring[members, k].sum()
         if free[k] and stiffness > 0:
             # LAMMPS provides the centre of mass, at a constant distance from the mean position of the grains
-            place, mass = leg.state.grains.position[members, k], leg.state.grains.mass[members]
-            anchor = digits(control.anchor[members, k].mean() + (mass @ (place - place.mean())) / mass.sum())
+            position, mass = leg.state.grains.position[members, k], leg.state.grains.mass[members]
+            anchor = digits(control.anchor[members, k].mean() + (mass @ (position - position.mean())) / mass.sum())
             lines.append(f"variable {name}_lead{axis} equal {lead_formula(leg, int(control.leads[body, k]))}")
             stretch = f"({anchor}+v_{name}_lead{axis}-xcm({name},{axis}))"
             lines.append(f"variable {name}_pull{axis} equal {digits(stiffness)}*{stretch}")

@@ -87,15 +87,15 @@ def _check_moments(law: Law, q: np.ndarray) -> None:
 
 def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
     """Raise ScenarioError if LAMMPS lacks these dashpots, given the parameters of contacts between grains."""
-    model, own = builtin.damping_model(law) & ~builtin.NO_TENSION, BUILTIN_LAWS[law.kind]
+    model, entry = builtin.damping_model(law) & ~builtin.NO_TENSION, BUILTIN_LAWS[law.kind]
     rest, general = (builtin.TSUJI, builtin.RESTITUTION), (builtin.VELOCITY, builtin.MASS, builtin.VISCOELASTIC)
     usual = builtin.MASS if is_linear(law) else builtin.VISCOELASTIC
     allowed = (*general, *rest) if law.properties & builtin.LEVER else (usual,)
-    if own.parameters:
+    if entry.parameters:
         allowed = general
     if (q[builtin.DAMPING_N] > 0 or q[builtin.DAMPING_T] > 0) and model not in allowed:
         raise ScenarioError(
-            f"LAMMPS does not have these dashpots for {own.name}: use hertz_mindlin_reff with viscoelastic dashpots, "
+            f"LAMMPS does not have these dashpots for {entry.name}: use hertz_mindlin_reff with viscoelastic dashpots, "
             f"linear with mass_velocity ones, or lever arms R - δ/2, {STAY}"
         )
     if model == builtin.RESTITUTION and dashpot_coefficients(law).max() >= critical_coefficient(law.kind):
@@ -103,8 +103,8 @@ def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
             f"LAMMPS needs stronger dashpots than it has for a restitution of {q[builtin.DAMPING_N]:g} with tension = "
             f"false: use at least {restitution_of(1.0, tension=False):.3f}, {STAY}"
         )
-    if own.parameters and law.damping & builtin.NO_TENSION:
-        raise ScenarioError(f"LAMMPS does not allow tension = false with {own.name}: {STAY[3:]}")
+    if entry.parameters and law.damping & builtin.NO_TENSION:
+        raise ScenarioError(f"LAMMPS does not allow tension = false with {entry.name}: {STAY[3:]}")
     if (is_granular(law) or walls) and model not in rest and q[builtin.DAMPING_T] > 0 and not q[builtin.DAMPING_N] > 0:
         raise ScenarioError(
             f"LAMMPS expresses damping_t of {'this law' if is_granular(law) else 'walls and a law'} as a multiple of "

@@ -45,8 +45,8 @@ COLOURS = {"stable": style.GREEN, "unstable": style.RED}  # colours of verdicts;
 
 
 def _line(axes, step, values, color, label=None, quantity=None):
-    known = np.isfinite(values)
-    axes.plot(step[known], values[known], "o-", color=color, ms=2, lw=0.8, label=label)
+    finite = np.isfinite(values)
+    axes.plot(step[finite], values[finite], "o-", color=color, ms=2, lw=0.8, label=label)
     if quantity:
         style.label_axes(axes, y=quantity)
 
@@ -89,16 +89,16 @@ def watched_spectrum(step: Column, softest: Column, growth: Column, verdicts: li
     _line(above, step, softest, style.BLUE, quantity=(r"softest $\lambda$", "1/time$^2$"))
     if (softest < 0).any():
         above.axhline(0, color="0.6", lw=0.6)
-    known = np.isfinite(growth)
-    below.plot(step[known], growth[known], "-", color="0.7", lw=0.8, zorder=1)
+    finite = np.isfinite(growth)
+    below.plot(step[finite], growth[finite], "-", color="0.7", lw=0.8, zorder=1)
     for word, color in COLOURS.items():
-        chosen = known & np.array([verdict == word for verdict in verdicts], bool)
+        chosen = finite & np.array([verdict == word for verdict in verdicts], bool)
         if chosen.any():
             below.plot(step[chosen], growth[chosen], "o", color=color, ms=2.5, label=word)
-    rest = known & np.array([verdict not in COLOURS for verdict in verdicts], bool)
+    rest = finite & np.array([verdict not in COLOURS for verdict in verdicts], bool)
     if rest.any():
         below.plot(step[rest], growth[rest], "o", mfc="white", mec=style.SKY, ms=2.5, mew=0.7, label="no verdict")
-    if known.any():
+    if finite.any():
         style.legend_above(below, ncol=3)
     style.label_axes(below, y=("growth rate", "1/time"))
     below.set_ylim(bottom=0)
@@ -234,7 +234,7 @@ def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Ro
     """
     if not path.exists() or overwrite:
         return {}
-    remedy = "give another --out, or --overwrite to compute it anew"
+    remedy = "give another --out, or --overwrite to compute it again"
     text = read_text(path, remedy=remedy)
     head = text.partition("\n")[0]
     try:

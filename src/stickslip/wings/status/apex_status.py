@@ -137,7 +137,7 @@ class _Search(NamedTuple):
     geometric: bool
     ours: np.ndarray  # (B, M) bool: contacts of each grain, or of grains that beams join, in the row of the first
     alone: np.ndarray  # (M,) bool: contacts of grains whose contacts are all at the apex
-    any_motion: bool = False  # whether bodies are released if any motion opens their contacts, not just the least
+    any_motion: bool = False  # whether bodies are released if any motion opens their contacts, not just the smallest
 
 
 def decide_statuses(
@@ -173,7 +173,7 @@ def decide_statuses(
 def _open_all(search: _Search) -> ApexStatuses | None:
     """Statuses with which all contacts of spheres at the apex open, or None if these are not consistent.
 
-    A sphere that is left with two contacts may roll, so that its other contacts open.
+    A sphere that is left with two contacts may roll, so its other contacts open.
     """
     matrix, apex = search.matrix, search.apex
     c = sparse.csr_array(matrix.c * ~np.repeat(apex, 3))
@@ -219,7 +219,7 @@ def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
     """Consistent (statuses, V, stable, motion) with released bodies, those that stay caught, and whether all are there.
 
-    A body may be dragged along in its least motion although another motion would release it; in that case, not all
+    A body may be dragged along by its smallest motion although another motion would release it; in that case, not all
     combinations were found.
     """
     matrix, ours = search.matrix, search.ours
@@ -314,8 +314,8 @@ def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
     """Return True if nothing but contacts resists rigid motions of a grain with those that beams join to it."""
     if matrix.unit is None:
         return True
-    own = np.flatnonzero(_owners(matrix) == body)
-    return _rigid_motions(matrix, own).shape[1] == (3 if matrix.free.dim == 2 else 6)
+    contacts = np.flatnonzero(_owners(matrix) == body)
+    return _rigid_motions(matrix, contacts).shape[1] == (3 if matrix.free.dim == 2 else 6)
 
 
 def _owners(matrix: LinearSystem) -> np.ndarray:
@@ -347,9 +347,10 @@ def contact_status(
     solutions may exist within the error bounds although none balances the load under k(S) itself: then there is no
     proof, and the verdict is NOT_FOUND. Beyond that, a proof of absence needs a Farkas certificate.
 
-    A critical contact without force may also open (`ContactStatus.opens`), and in space it may slide in any direction.
-    A status is then sought as on a load path, and verified by the balance of the force rates that the law itself gives
-    at the velocities. The verdict is CONSISTENT, NEGATIVE or NOT_FOUND; others are not sought.
+    A critical contact without force may also open (`ContactStatus.opens`), and in three dimensions it may slide in any
+    direction. The search for a status is then that of a load path, and the status is verified by the balance of the
+    force rates that the
+    law itself gives at the velocities. The verdict is CONSISTENT, NEGATIVE or NOT_FOUND; there is no search for others.
 
     Parameters
     ----------

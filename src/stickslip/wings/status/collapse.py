@@ -1,7 +1,7 @@
 """Collapse at the end of a load path: damped dynamics under the load reached, to the next equilibrium.
 
 Where no stable equilibrium continues the path, the load is raised slightly and then held while the packing moves under
-a given drag. A dead load is constant. A body pulled by a spring moves relative to a fixed load point, so that a stiff
+a given drag. A dead load is constant. A body pulled by a spring moves relative to a fixed load point, so a stiff
 spring fixes the displacement and a soft one the force. The energy released, the work of the load less the change in
 stored energy, is dissipated by friction, dashpots and drag.
 """

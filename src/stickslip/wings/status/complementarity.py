@@ -83,8 +83,8 @@ def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
     critical = np.asarray(critical)
     if critical.dtype == bool and critical.shape == (matrix.count,):
         return np.flatnonzero(critical)
-    known = critical.dtype.kind in "iu" or not critical.size
-    if critical.dtype == bool or critical.ndim != 1 or not known or len(np.unique(critical)) < len(critical):
+    valid = critical.dtype.kind in "iu" or not critical.size
+    if critical.dtype == bool or critical.ndim != 1 or not valid or len(np.unique(critical)) < len(critical):
         raise ValueError(
             f"critical must be distinct contact numbers, or one bool for each of the {matrix.count} contacts, got "
             f"{critical.tolist()!r:.60}"

@@ -320,7 +320,7 @@ def force_change(apex: Apex, solution: StatusSolution) -> np.ndarray:
 
 
 def round_cone_stretch(apex: Apex, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spring stretching in space, S V (E, 3), its derivatives (E, 3, 3), and statuses (E,).
+    """Spring stretching in three dimensions, S V (E, 3), its derivatives (E, 3, 3), and statuses (E,).
 
     This is the rate of the return mapping: at a contact without force, V_t is shortened to −m V_n; at a contact on the
     cone, the component of V_t along the force is shortened to −m V_n.
@@ -343,7 +343,7 @@ def round_cone_stretch(apex: Apex, velocity: np.ndarray) -> tuple[np.ndarray, np
 
 
 def status_on_round_cones(apex: Apex) -> tuple[StatusSolution, int]:
-    """Search for statuses in space by Newton's method from several velocities.
+    """Search for statuses in three dimensions by Newton's method from several velocities.
 
     Returns
     -------

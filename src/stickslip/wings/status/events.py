@@ -6,8 +6,8 @@ disk, whose forces vanish together, would appear to reach the cone just before t
 
 Rattlers carry no load, so that no force balance determines their positions. A grain that presses into a rattler moves
 it by the smallest distance that makes room. If the contacts that push a rattler can hold it by friction, they drag it
-along with the least possible slip. If that does not make room either, the rattler is wedged and counts as an ordinary
-grain from then on.
+along with the smallest possible slip. If that does not make room either, the rattler is wedged and counts as an
+ordinary grain from then on.
 
 Source for the smallest distance: Lawson and Hanson, Solving Least Squares Problems (SIAM 1995), chapter 23.
 """
@@ -41,9 +41,9 @@ def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
     normal = branch / distance[:, None]
     wall = contacts.j[rows] >= n
     if wall.any():
-        place = np.concatenate([state.grains.position, state.walls.point])
+        position = np.concatenate([state.grains.position, state.walls.point])
         normal[wall] = state.walls.normal[contacts.j[rows][wall] - n]
-        apart = place[contacts.i[rows][wall]] - place[contacts.j[rows][wall]]
+        apart = position[contacts.i[rows][wall]] - position[contacts.j[rows][wall]]
         distance[wall] = np.einsum("ck,ck->c", apart, normal[wall])
     return normal, distance - radius[contacts.i[rows]] - radius[contacts.j[rows]]
 
@@ -103,7 +103,7 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
 
 
 def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(N, 3) positions in which caught rattlers follow the bodies that hold them, with the least slip at contacts."""
+    """(N, 3) positions in which caught rattlers follow the bodies that hold them, with the smallest slip."""
     contacts, count, dim = state.contacts, len(state.grains.radius), state.cell.dim
     i, j = contacts.i[rows], contacts.j[rows]
     normal = gaps(state, rows)[0]
@@ -155,14 +155,14 @@ def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[
 
 
 def _wedging_contacts(state: State, i, j, frame, mu, unit, number) -> np.ndarray:
-    """Indices of contacts that can hold rattlers in balance by forces within their cones; empty if none can.
+    """Indices of contacts that can hold rattlers by balanced forces within their cones; empty if none can.
 
     In space, the cones are replaced by pyramids within them.
     """
     if len(i) < 2:
         return np.zeros(0, int)
     dim = frame.shape[1]
-    turning, radius, place = ROTATIONS[dim], state.grains.radius, state.grains.position
+    turning, radius, position = ROTATIONS[dim], state.grains.radius, state.grains.position
     size, edges = dim + len(turning), EDGES[dim]
     columns = np.zeros((size * (number.max() + 1) + 1, len(edges) * len(i)))
     for edge, weights in enumerate(edges):
@@ -172,7 +172,7 @@ def _wedging_contacts(state: State, i, j, frame, mu, unit, number) -> np.ndarray
             rows = np.flatnonzero(number[body] >= 0)
             at, own, lead = size * number[body[rows]][:, None], body[rows], unit[body[rows]]
             columns[at + np.arange(dim), len(edges) * rows[:, None] + edge] += sign * force[rows, :dim]
-            arm = (place[own] - place[lead]) / radius[lead, None]  # of a body that beams join to others
+            arm = (position[own] - position[lead]) / radius[lead, None]  # of a body that beams join to others
             turn = moment[rows] * (radius[own] / radius[lead])[:, None] + sign * np.cross(arm, force[rows])
             columns[at + dim + np.arange(size - dim), len(edges) * rows[:, None] + edge] += turn[:, turning]
     columns[-1] = 1.0
@@ -197,10 +197,10 @@ def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
     contacts = state.contacts
     modes, slip, pair, roll = (a.copy() for a in (contacts.mode, contacts.slip, contacts.pair, contacts.roll))
     modes[rows], slip[rows] = mode, 0.0
-    place = np.concatenate([state.grains.position, state.walls.point])
+    position = np.concatenate([state.grains.position, state.walls.point])
     turned = np.concatenate([state.grains.angle * state.grains.radius[:, None], np.zeros((len(state.walls.mass), 3))])
     i, j = contacts.i[rows], contacts.j[rows]
-    pair[rows] = place[i] - place[j] + shifts(contacts, state.cell.vectors)[rows]
+    pair[rows] = position[i] - position[j] + shifts(contacts, state.cell.vectors)[rows]
     roll[rows] = turned[i] + turned[j]
     return state._replace(contacts=contacts._replace(mode=modes, slip=slip, pair=pair, roll=roll))
 
@@ -276,7 +276,7 @@ def _first_break(increment, moved: np.ndarray, velocity: np.ndarray, first: Next
         bond_limits(state, bond_motions(state, free.spread(way), free.strain(way))) for way in (moved, velocity)
     )
     load = here.load + here.slope
-    # load over strength is convex, so that a bond that holds at the end holds until then
+    # load over strength is convex, so a bond that holds at the end holds until then
     breaks = held & (judge_loads(state.bonds, load + first.step * ahead.slope)[0] >= 1)
     if not breaks.any():
         return first

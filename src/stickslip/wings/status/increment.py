@@ -47,12 +47,12 @@ CROWD = 200  # number of events without progress of the load after which a path 
 OUT_OF_BALANCE = 1e-4  # in mean normal forces, beyond which an increment is halved; loads of events are as accurate
 BALANCED = 1e-10  # residual, in mean normal forces, after balancing; far below the force of a contact at the apex
 TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches; below the error due to APEX
-STRAYS = 1e-3  # in mean normal forces, estimated error of forces beyond which an increment in space is halved
+STRAYS = 1e-3  # in mean normal forces, estimated error of forces beyond which an increment of spheres is halved
 BRACKET = 1e-3  # fraction of an increment within which the load is found at which a sliding contact in 3D sticks again
 CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth
-LEAST = 0.01  # least force to which those of a packing with bonds are compared, over the largest external force
+LEAST = 0.01  # smallest force to which those of a packing with bonds are compared, over the largest external force
 UNLOADED = 1e-9  # the same, over the force that stretches its stiffest contact or bond by a diameter: for round-off
-LOOK = 0.01  # fraction of a leg after which other statuses are sought even without an event; c changes little within it
+LOOK = 0.01  # fraction of a leg after which other statuses are searched for; c changes little within it
 NO_P_MATRIX = "the status is no longer unique for every load"
 NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
 
@@ -203,7 +203,7 @@ class Increment:
             if kind == INCREMENT:
                 break
             load = start + done * self.increment
-            if kind != REACHES or m.width == 3:  # directions in space turn: c is computed again before a contact slides
+            if kind != REACHES or m.width == 3:  # directions of spheres turn: c is computed again before sliding
                 end = self._finish(force, moved, slides, sign, () if kind == REACHES else contacts, done)
                 self.broke = kind == BREAKS
                 if kind == CLOSES and end.fresh.any():
@@ -217,7 +217,7 @@ class Increment:
         return end, done * self.increment, Verdict.CONSISTENT
 
     def _choose_status(self, now: LinearSystem, slides: np.ndarray, load: float) -> ContactStatus:
-        """Status at a load; other statuses are sought after events and at intervals of LOOK."""
+        """Status at a load, with a search for others after events and at intervals of LOOK."""
         changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
         if not changed and load < self.looked + LOOK and (same := self._previous_status(now, slides)):
             return same
@@ -250,8 +250,8 @@ class Increment:
         if not len(choice.critical):
             self.unique = True
             return True
-        known = choice.uniqueness
-        if known is None:  # `contact_status` does not test uniqueness with too many contacts
+        uniqueness = choice.uniqueness
+        if uniqueness is None:  # `contact_status` does not test uniqueness with too many contacts
             try:
                 problem = complementarity(matrix, self.load, geometric=self.geometric)
             except LinAlgError:
@@ -259,12 +259,12 @@ class Increment:
             slides = choice.sliding[choice.critical]
             if np.linalg.slogdet(problem.matrix[np.ix_(slides, slides)])[0] < 0:
                 return False
-            known = certificate(problem)
-        known = known.unique
-        if known is False and self.unique:
+            uniqueness = certificate(problem)
+        uniqueness = uniqueness.unique
+        if uniqueness is False and self.unique:
             self.events.append(Event(load, NO_P_MATRIX, -1, -1))
-        self.unique = known is not False
-        self.unchecked += known is None
+        self.unique = uniqueness is not False
+        self.unchecked += uniqueness is None
         return True
 
     def _bodies_of(self, contact) -> tuple[int, int]:
@@ -318,7 +318,8 @@ class Increment:
         return place
 
     def _compare_rates(self, place: PathState, slides: np.ndarray, done: float) -> None:
-        """Estimate the error of a piece in space, in which directions turn, from the rates at both of its ends.
+        """Estimate the error of a piece in three dimensions, in which directions turn, from the rates at both of its
+        ends.
 
         It is half the difference times the piece. If the slip of a contact has changed its sign, the piece is halved
         until the load at which this happens is known to a fraction BRACKET of an increment.

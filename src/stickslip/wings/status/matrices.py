@@ -116,7 +116,7 @@ def linear_system(
     Intact bonds are constraints, or springs. A rigid bond neither stretches nor, as far as it has the stiffnesses,
     shears, bends or twists: B v = 0 with the rates of these deformations. Grains that are joined by bonds which resist
     everything move as one, and contacts between them neither slide nor open. Under a load, velocities are those of
-    elastic bonds in the limit of infinite stiffness; forces that bonds bear turn with them.
+    elastic bonds in the limit of infinite stiffness; forces that bonds carry turn with them.
 
     Parameters
     ----------
@@ -202,8 +202,8 @@ def joined_bodies(state: State) -> np.ndarray:
 def loose_grains(state: State, known: np.ndarray | None = None, *, loaded: bool = True) -> np.ndarray:
     """(N,) bool: rattlers as for two supports, where grains that beams join count as one body.
 
-    Those that beams join around a periodic cell are no rattlers, and contacts with their own images support others.
-    In a packing with bonds, those that bear an external load count as supported unless `loaded`.
+    Those that beams join around a periodic cell are not rattlers, and contacts with their own images support others.
+    In a packing with bonds, those that carry an external load count as supported unless `loaded`.
     """
     if not state.bonds:
         return rattlers_of(state, 2, known)
@@ -301,7 +301,7 @@ def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:
     """(K, n) rates of deformation of intact bonds: stretching and, with stiffness, shear, bending and twisting.
 
     Shear is the velocity of i relative to j at the point where the shear force acts, see `core/contacts/bonds.py`;
-    rotations are over the inverse of the bond's length, so that all rates are velocities.
+    rotations are over the inverse of the bond's length, so all rates are velocities.
     """
     bonds, count, dim = state.bonds, int(state.contacts.count[0]), state.cell.dim
     held = np.flatnonzero(bonds.intact)
@@ -351,7 +351,7 @@ def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarr
 
 
 def contact_frames(normal: np.ndarray, slip: np.ndarray, dim: int) -> np.ndarray:
-    """(C, dim, 3) axes n, t and t′: t is clockwise from n in a plane, and along the slip (C, 3) in space.
+    """(C, dim, 3) axes n, t and t′: t is clockwise from n in a plane, and along the slip (C, 3) in three dimensions.
 
     Without slip, t is perpendicular to the axis that is farthest from n.
     """

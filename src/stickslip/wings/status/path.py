@@ -1,10 +1,10 @@
 """Piecewise-linear path of a packing under a slowly changing load, from event to event.
 
 Between events, velocities are proportional to the load rate (k(S) dq = df_ext) and contact forces change linearly, so
-that the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event, statuses are
-determined anew by the principle of minimum sliding. c, K and the geometric stiffness are frozen within a load increment
-and recomputed after it. At the end of an increment, a few Newton steps remove the imbalance due to the rotation of
-contacts.
+the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event, statuses are
+determined again by the principle of minimum sliding. c, K and the geometric stiffness are frozen within a load
+increment and recomputed after it. At the end of an increment, a few Newton steps remove the imbalance due to the
+rotation of contacts.
 
 The load of a bond that breaks is not lost at once: forces on its two grains replace it, and decrease to zero while all
 other loads are held.
@@ -306,7 +306,7 @@ def _go_through(
 def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, report: Report):
     """Follow a leg from a share of it; return the state and the share at which it stops, and the verdict."""
     law, increment, size, missed = leg.law, leg.increment, leg.increment, np.inf
-    wedged = 0.0  # share at which a rattler was found wedged; it is wedged at a smaller load
+    wedged = 0.0  # share at which a rattler was found wedged, somewhat above that at which it was wedged
     while share < 1.0:
         # an imbalance is removed over a whole increment: a part of it removes only its share
         piece = Increment(
@@ -518,8 +518,8 @@ def _check_bonds(state: State) -> None:
         )
     if (bonds.intact & ~is_beam(bonds, state.cell.dim)).any():
         raise ValueError(
-            "bonds on a load path must resist shear, bending and, in space, twisting, as a grain on mere springs hangs "
-            "freely: use beam_bond or parallel_bond"
+            "bonds on a load path must resist shear, bending and, in three dimensions, twisting, as a grain on mere "
+            "springs hangs freely: use beam_bond or parallel_bond"
         )
 
 

@@ -41,7 +41,7 @@ class RigidClusters(NamedTuple):
     body: np.ndarray  # (B,) cluster of each grain, then of each wall; −1 if no other body moves with it
     contact: np.ndarray  # (M,) cluster of each contact; −1 for a hinge, whose bodies may move relative to each other
     sizes: np.ndarray  # (K,) number of bodies
-    overconstrained: np.ndarray  # (M,) bool, contacts that bear a self-stress
+    overconstrained: np.ndarray  # (M,) bool, contacts that carry a self-stress
     floppy: int  # number of independent unresisted motions, including those of rattlers and of the whole packing
     constraints: int  # two per sticking contact of disks, three per sticking one of spheres, one per sliding contact
     redundant: int  # number of constraints that could be removed without adding a motion
@@ -345,7 +345,7 @@ class PebbleGame:
         return [end for end in ends if end != root]
 
     def stressed(self) -> set[int]:
-        """Bars that bear a self-stress: redundant bars, and bars whose removal would make a redundant bar independent.
+        """Bars that carry a self-stress: redundant bars, and bars whose removal would make a redundant bar independent.
 
         The latter are the bars of the smallest tight block that contains both ends of a redundant bar. A contraction
         joins smaller blocks. If a self-stress crosses it, all of its bars are stressed, and so are those of the
@@ -467,11 +467,13 @@ def mechanisms(
         if not resists_turning(state, matrix.rows, (matrix.c.T @ move).reshape(-1, 2)):
             turn = (move / np.linalg.norm(move))[:, None]
     loose = rattlers(state, 2)
-    own = np.flatnonzero(np.append(loose, np.zeros(state.n_bodies - len(loose) + 1, bool))[matrix.free.body])
+    loose_coordinates = np.flatnonzero(
+        np.append(loose, np.zeros(state.n_bodies - len(loose) + 1, bool))[matrix.free.body]
+    )
     out = [Mechanism(RIGID, v, _load_share(load, v), False) for v in rigid.T]
     out += [Mechanism(RIGID, v, _load_share(load, v), True, float(v @ k @ v)) for v in turn.T]
-    out += [Mechanism(RATTLER, np.eye(size)[c], _load_share(load, np.eye(size)[c]), False) for c in own]
-    rest = np.setdiff1d(np.arange(size), own)
+    out += [Mechanism(RATTLER, np.eye(size)[c], _load_share(load, np.eye(size)[c]), False) for c in loose_coordinates]
+    rest = np.setdiff1d(np.arange(size), loose_coordinates)
     return out + _find_mechanisms(matrix, k, rest, rigid[rest], turn[rest], load)
 
 
@@ -545,9 +547,9 @@ def rigid_rotation(state: State, free: Freedom, arm: float) -> np.ndarray:
     ----------
     free : coordinates of `linear_system(..., wall_arm=arm)`
     """
-    place = np.concatenate([state.grains.position, state.walls.point])
+    position = np.concatenate([state.grains.position, state.walls.point])
     radius = np.append(state.grains.radius, np.full(len(state.walls.mass), arm))
-    x, y = place[free.body, 0], place[free.body, 1]
+    x, y = position[free.body, 0], position[free.body, 1]
     out = radius[free.body]
     for axis, value in ((0, -y), (1, x)):
         mine = free.axis == axis

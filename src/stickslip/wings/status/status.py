@@ -61,7 +61,7 @@ class Verdict(Enum):
 
     CONSISTENT = (
         "every critical contact slides if and only if it would otherwise leave the Coulomb cone; other statuses were "
-        "not sought"
+        "not examined"
     )
     UNIQUE = "this status is the only consistent one under this load"
     NOT_UNIQUE = (
@@ -115,7 +115,7 @@ class ContactStatus(NamedTuple):
     method: str  # "flip all", "principal pivoting", "Lemke" or "enumeration"
     solves: int  # factorisations and pivots
     stable: bool | None = None  # det k(S) has the sign of det k₀; None if it is zero to round-off, or not computed
-    others: tuple[Alternative, ...] = ()  # other consistent statuses, as far as they were sought
+    others: tuple[Alternative, ...] = ()  # other consistent statuses that were found, if there was a search
     uniqueness: Uniqueness | None = None  # uniqueness under every load, if requested
     proof: Absence | UnresistedMotion | None = None  # that no status is consistent, or the motion driven by the load
     marginal: np.ndarray | None = None  # (Mc,) bool: contacts without slip on the cone, which may have either status
@@ -269,24 +269,24 @@ def _flip_inconsistent(system: StatusSolver, slides: np.ndarray) -> VerifiedStat
 
 def _enumerate(system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None) -> ContactStatus:
     """Find the status by enumeration, or directly for a P-matrix."""
-    known = certificate(problem)
-    if known.unique:
+    uniqueness = certificate(problem)
+    if uniqueness.unique:
         flipped = flipped or _verify(system, principal_pivoting(problem)[0], "principal pivoting")
         if flipped is not None:
-            return _make_status(system, Verdict.UNIQUE, flipped._replace(stable=True), (), known)
+            return _make_status(system, Verdict.UNIQUE, flipped._replace(stable=True), (), uniqueness)
     every = enumerate_solutions(problem, lambda slides: _recompute_rates(system, slides))
     if not every.solutions:
         for ray in every.rays:
             motion = motion_of_ray(system, ray) if ray.drive else None
             if motion is not None:
-                return _make_failure(system, Verdict.MECHANISM, motion, known)
+                return _make_failure(system, Verdict.MECHANISM, motion, uniqueness)
         absent = Absence("enumeration", 1 << len(problem.vector))
-        return _make_failure(system, Verdict.UNSTABLE, absent, known)
+        return _make_failure(system, Verdict.UNSTABLE, absent, uniqueness)
     answers = [a for a in (_verify_solution(system, s) for s in every.solutions) if a is not None]
     if not answers:  # singular solutions that do not balance the load to the accuracy of k(S)
         if flipped is not None:
-            return _make_status(system, Verdict.CONSISTENT, flipped, (), known)
-        return _make_failure(system, Verdict.NOT_FOUND, None, known)
+            return _make_status(system, Verdict.CONSISTENT, flipped, (), uniqueness)
+        return _make_failure(system, Verdict.NOT_FOUND, None, uniqueness)
     # stable ones first, and of these the one found by flipping
     answers.sort(key=lambda a: (_stability_rank(a), not _same_rates(a, flipped)))
     verdict, first, others = _verdict(system, problem, answers), answers[0], answers[1:]
@@ -294,7 +294,7 @@ def _enumerate(system: StatusSolver, problem: Complementarity, flipped: Verified
         first = flipped._replace(stable=first.stable)
     elif verdict is Verdict.SINGULAR and flipped is not None and not any(_same_rates(a, flipped) for a in answers):
         first, others = flipped, answers  # between the ends of a face: contacts that slid keep sliding
-    return _make_status(system, verdict, first, others, known)
+    return _make_status(system, verdict, first, others, uniqueness)
 
 
 def _recompute_rates(system: StatusSolver, slides: np.ndarray):
@@ -359,19 +359,19 @@ def _search_many(
     system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None, unique: bool
 ) -> ContactStatus:
     """Try one algorithm after the other until a stable status is found; absence is reported only with a proof."""
-    known = certificate(problem) if unique else None
+    uniqueness = certificate(problem) if unique else None
     answers = _try_algorithms(system, problem, flipped)
     if answers:
         verdict = _verdict(system, problem, answers)
-        if verdict is Verdict.UNIQUE and not (known and known.unique):
+        if verdict is Verdict.UNIQUE and not (uniqueness and uniqueness.unique):
             verdict = Verdict.CONSISTENT
-        return _make_status(system, verdict, answers[0], answers[1:], known)
+        return _make_status(system, verdict, answers[0], answers[1:], uniqueness)
     absent = farkas(problem)
     if absent is None:
-        return _make_failure(system, Verdict.NOT_FOUND, None, known)
+        return _make_failure(system, Verdict.NOT_FOUND, None, uniqueness)
     ray = farkas_ray(problem, absent)
     motion = ray and motion_of_ray(system, ray)
-    return _make_failure(system, Verdict.MECHANISM if motion else Verdict.UNSTABLE, motion or absent, known)
+    return _make_failure(system, Verdict.MECHANISM if motion else Verdict.UNSTABLE, motion or absent, uniqueness)
 
 
 def _try_algorithms(

@@ -195,7 +195,7 @@ def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
 def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
     """(K, n) motions u of unit length of spheres, and of clusters, that may roll about the line through two contacts.
 
-    The contacts do not move, so that uᵀk(S) is the same for all statuses. It vanishes if nothing else acts on the
+    The contacts do not move, so uᵀk(S) is the same for all statuses. It vanishes if nothing else acts on the
     sphere, since both forces then are along this line.
     """
     moves = []

@@ -171,9 +171,9 @@ def _make_singular(here: ScaledProblem, chosen: np.ndarray, minors: str) -> Uniq
 def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Minors of one contact (Mc,) and of two (Mc, Mc), with infinite diagonal, and error bounds for the latter."""
     a, error = here.matrix, here.error
-    diagonal, own = np.diag(a), np.diag(error)
+    diagonal, errors = np.diag(a), np.diag(error)
     pair = np.outer(diagonal, diagonal) - a * a.T
-    blur = np.outer(own, np.abs(diagonal)) + np.abs(a) * error.T
+    blur = np.outer(errors, np.abs(diagonal)) + np.abs(a) * error.T
     np.fill_diagonal(pair, np.inf)
     return diagonal, pair, blur + blur.T
 

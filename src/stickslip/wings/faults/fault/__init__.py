@@ -19,7 +19,7 @@ def references(scenario: FaultScenario) -> dict[str, tuple[str, ...]]:
         "rate-and-state friction": REFERENCES[scenario.friction.law] + form,
         "time stepping": ("Hairer1993",),
         "magnitudes and stress drops": ("Hanks1979", "Noda2013"),
-        **({"faults that dip": ("Erickson2023", "Head1953")} if scenario.fault.dips else {}),
+        **({"dipping faults": ("Erickson2023", "Head1953")} if scenario.fault.dips else {}),
         **({"normal stress that acts on the state": ("Linker1992",)} if scenario.friction.alpha else {}),
         **({"injected fluid": ("Lambert2025",)} if scenario.injection.flux else {}),
     }

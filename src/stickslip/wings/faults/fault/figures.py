@@ -106,9 +106,9 @@ def surface_series(history: FaultHistory):
     require_filled("history.surface", history.surface)
     figure, axes = column_axes(2, 3.6, sharex=True)
     for k, color in _shown(len(history.surface)):
-        place, side = history.surface[k], "foot wall" if history.surface[k] < 0 else "hanging wall"
-        beside = abs(place) < history.fault.cell
-        label = f"0, {side}" if beside else f"{place / 1e3:.3g} km".replace("-", "−")
+        distance, side = history.surface[k], "foot wall" if history.surface[k] < 0 else "hanging wall"
+        beside = abs(distance) < history.fault.cell
+        label = f"0, {side}" if beside else f"{distance / 1e3:.3g} km".replace("-", "−")
         axes[0].plot(history.time / YEAR, history.horizontal[:, k], color=color, lw=0.6, label=label)
         axes[1].plot(history.time / YEAR, -history.down[:, k], color=color, lw=0.6)
     label_axes(axes[0], y=("horizontal motion", "m"))

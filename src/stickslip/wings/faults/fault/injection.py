@@ -43,7 +43,7 @@ SHOWS = {
 def paper_scenario(*, quick: bool = False, seed: int = 0, cells: int = FINE, law: str = "aging") -> FaultScenario:
     """Return the scenario: one half of the fault, with a free surface at the source, about which slip is even.
 
-    The number of cells is an odd multiple of 1024, so that a cell centre lies at the station beside the source.
+    The number of cells is an odd multiple of 1024, so a cell centre lies at the station beside the source.
     """
     return validate_scenario(
         FaultScenario, seed=seed, line={"width": HALF, "cell": HALF / cells},

@@ -184,8 +184,8 @@ def files(result: FaultResult):
     yield EVENTS, partial(write_events, result)
     for number, depth in enumerate(history.station):
         yield station_file(depth), partial(write_station, history, number)
-    for number, place in enumerate(history.surface):
-        yield surface_file(place), partial(write_surface_station, history, number)
+    for number, distance in enumerate(history.surface):
+        yield surface_file(distance), partial(write_surface_station, history, number)
     for name, quantity in profiles(history.fault).items():
         yield name, partial(write_profiles, history, quantity)
 

@@ -118,7 +118,7 @@ class Fault(NamedTuple):
 
     @property
     def dips(self) -> bool:
-        """True if slip is in-plane and reaches a free surface, so that it changes the normal stress."""
+        """True if slip is in-plane and reaches a free surface, so it changes the normal stress."""
         return self.shear == "in-plane" and self.boundary == "surface"
 
     @property

@@ -208,8 +208,8 @@ def _too_small(fault: Fault, time: float, excess_slip: np.ndarray) -> str:
     normal = fault.normal_at(time, excess_slip)
     if normal.min() > 1e-3 * fault.normal.min():
         return f"the time step became too small at {time / YEAR:g} years: use shorter cells"
-    place = f"{fault.depth[normal.argmin()]:g} m"
-    return f"slip opens the fault at {place} after {time / YEAR:g} years: use a larger normal stress there"
+    location = f"{fault.depth[normal.argmin()]:g} m"
+    return f"slip opens the fault at {location} after {time / YEAR:g} years: use a larger normal stress there"
 
 
 def _moment(fault: Fault, state: FaultState) -> Moment:

@@ -79,10 +79,10 @@ def moment_magnitude(moment: Values):
 def crack_stress_drop(fault: Fault, moment: float, length: float, *, surface: bool) -> float:
     """Uniform stress drop of a crack of length L with moment M per length along strike, C (G*/G) M/L² [Pa].
 
-    A crack of length L in an infinite body, with the slip (2 Δτ/G*) √(L²/4 − x²), has the moment (G/G*) π Δτ L²/4, so
-    that C = 4/π. A crack that breaks the free surface is half of a crack of length 2L: C = 2/π. This is exact for
-    antiplane shear. A dipping fault that breaks the surface slips more, so that the result is 17 % too large for a dip
-    of 30 or 60 degrees, and 26 % for 90 degrees.
+    A crack of length L in an infinite body, with the slip (2 Δτ/G*) √(L²/4 − x²), has the moment (G/G*) π Δτ L²/4, so C
+    = 4/π. A crack that breaks the free surface is half of a crack of length 2L: C = 2/π. This is exact for antiplane
+    shear. A dipping fault that breaks the surface slips more, so the result is 17 % too large for a dip of 30 or 60
+    degrees, and 26 % for 90 degrees.
 
     Source
     ------
@@ -334,13 +334,13 @@ class Recorder:
         return before.time + (now.time - before.time) * float(np.clip(share, 0.0, 1.0))
 
     def _begin_event(self, before: Moment, now: Moment) -> None:
-        place = int(np.argmax(now.log_velocity))
-        fast = now.log_velocity >= now.log_velocity[place] + np.log(ZONE)
-        low = place - int(np.argmin(fast[place::-1])) if not fast[: place + 1].all() else -1
-        high = place + int(np.argmin(fast[place:])) if not fast[place:].all() else len(fast)
+        cell = int(np.argmax(now.log_velocity))
+        fast = now.log_velocity >= now.log_velocity[cell] + np.log(ZONE)
+        low = cell - int(np.argmin(fast[cell::-1])) if not fast[: cell + 1].all() else -1
+        high = cell + int(np.argmin(fast[cell:])) if not fast[cell:].all() else len(fast)
         self.event = {
             "start": self._crossing(before, now), "before": before, "peak": now.log_velocity.copy(),
-            "depth": self.fault.depth[place], "fastest": now.fastest, "zone": (high - low - 1) * self.fault.cell,
+            "depth": self.fault.depth[cell], "fastest": now.fastest, "zone": (high - low - 1) * self.fault.cell,
             "arrival": np.full(len(self.fault.depth), np.inf),
         }  # fmt: skip
         self._arrive(before, now)

@@ -55,7 +55,7 @@ MISFIT = (
     "as slow, which the data cannot distinguish; the values are the best fit, but without intervals"
 )
 UNLIKE = (
-    "the residuals are not noise: filtered for its correlation, they are {:.2g} times the noise of the record, so that "
+    "the residuals are not noise: filtered for its correlation, they are {:.2g} times the noise of the record, so "
     "the law, the stiffness or the motion of the load point does not describe these data; the values are the best fit, "
     "but intervals cannot be given"
 )

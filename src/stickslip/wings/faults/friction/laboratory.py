@@ -272,7 +272,7 @@ def _check_columns(table: laboratory_table.LaboratoryTable, motion: bool) -> Non
         nameless = f"its {len(header)} columns have no headings; give their numbers ({NUMBERED})"
         raise ValueError(f"{path} has no column for {lacks}: {nameless if header else 'it has no columns of numbers'}")
     raise ValueError(
-        f"{path} has no column for {lacks}: its columns are {seen}, and {lacks} is sought under the names {sought}; "
+        f"{path} has no column for {lacks}: its columns are {seen}, and accepted names of {lacks} are {sought}; "
         f"rename one, as in '{EXAMPLE}'"
     )
 

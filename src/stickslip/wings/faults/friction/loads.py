@@ -83,19 +83,21 @@ def load_steps(
     load_point : [length] (N,)
     normal : (N,) normal stress over its reference, held from each sample to the next; None if constant
     """
-    time, place = np.asarray(time, float), np.asarray(load_point, float)
+    time, displacement = np.asarray(time, float), np.asarray(load_point, float)
     check_times(time)
-    if place.shape != time.shape:
-        raise ValueError(f"load_point must have one displacement per sample, got shapes {place.shape} and {time.shape}")
+    if displacement.shape != time.shape:
+        raise ValueError(
+            f"load_point must have one displacement per sample, got shapes {displacement.shape} and {time.shape}"
+        )
     factor = np.ones(len(time)) if normal is None else np.asarray(normal, float)
     require_shape(time.shape, normal=factor)
-    moved = np.abs(np.diff(place))
+    moved = np.abs(np.diff(displacement))
     slack = roughness * float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
     legs, first = [], 0
     while first < len(time) - 1:
-        last = _end_of_line(time, place, factor, first, slack)
+        last = _end_of_line(time, displacement, factor, first, slack)
         span = float(time[last] - time[first])
-        legs.append(LoadStep(span, float(place[last] - place[first]) / span, float(factor[first])))
+        legs.append(LoadStep(span, float(displacement[last] - displacement[first]) / span, float(factor[first])))
         first = last
     return tuple(legs)
 
@@ -221,22 +223,24 @@ def find_steps(time: Series, load_point: Series) -> FoundSteps:
     time : (N,) increasing [time]
     load_point : (N,) [length]
     """
-    time, place = np.asarray(time, float), np.asarray(load_point, float)
+    time, displacement = np.asarray(time, float), np.asarray(load_point, float)
     check_times(time)
     thin = max(1, -(-len(time) // SEARCHED))
-    require_shape(np.shape(time), load_point=place)
-    sparse, rough = time[::thin], place[::thin]
-    worth = CERTAIN * np.log(len(time)) * float(np.mean(np.diff(place, 2) ** 2)) / 6
+    require_shape(np.shape(time), load_point=displacement)
+    sparse, rough = time[::thin], displacement[::thin]
+    worth = CERTAIN * np.log(len(time)) * float(np.mean(np.diff(displacement, 2) ** 2)) / 6
     changes = np.zeros(0)
     while len(changes) < MOST:
         gain, best = _best_change(sparse, rough, changes)
         if gain * thin < worth:
             break
         changes = _refine(sparse, rough, np.sort(np.append(changes, best)))
-    changes = _without_needless(time, place, _refine(time, place, changes) if thin > 1 else changes, worth)
+    changes = _without_needless(
+        time, displacement, _refine(time, displacement, changes) if thin > 1 else changes, worth
+    )
     basis = _pieces(time, changes)
-    slopes, *_ = np.linalg.lstsq(basis, place, rcond=None)
-    rest = place - basis @ slopes
+    slopes, *_ = np.linalg.lstsq(basis, displacement, rcond=None)
+    rest = displacement - basis @ slopes
     noise = float(np.sqrt(rest @ rest / max(len(time) - 2 * len(changes) - 2, 1)))
     error = noise * np.sqrt(np.diag(np.linalg.pinv(basis.T @ basis)))
     least = np.maximum(REST * error[1:], EXACT * np.abs(slopes[1:]).max())

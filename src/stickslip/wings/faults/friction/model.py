@@ -103,8 +103,8 @@ def prepare(data: Data, windows=None) -> Prepared:
                 "the measured slip velocity must be positive at every sample: smooth it, or fit with a spring"
             )
         mean = 0.5 * (velocity[1:] + velocity[:-1])
-        place = np.r_[0.0, np.cumsum(mean * np.diff(time))]
-        return Prepared(time, friction, place, None, velocity, sigma, used, data.before or float(velocity[0]))
+        displacement = np.r_[0.0, np.cumsum(mean * np.diff(time))]
+        return Prepared(time, friction, displacement, None, velocity, sigma, used, data.before or float(velocity[0]))
     legs = leg_arrays(data.legs)
     ends = np.cumsum(legs[0])
     if time[0] < 0 or time[-1] > ends[-1] * (1 + 1e-9):
@@ -114,8 +114,8 @@ def prepare(data: Data, windows=None) -> Prepared:
     before = float(legs[1, 0]) if data.before is None else data.before
     if not before > 0:
         raise ValueError("the record starts with the load point at rest: give `before`, the slip velocity before it")
-    place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(legs[0] * legs[1])])
-    return Prepared(np.minimum(time, ends[-1]), friction, place, legs, None, sigma, used, before)
+    displacement = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(legs[0] * legs[1])])
+    return Prepared(np.minimum(time, ends[-1]), friction, displacement, legs, None, sigma, used, before)
 
 
 def _in_windows(time, windows) -> np.ndarray:
@@ -126,7 +126,7 @@ def _in_windows(time, windows) -> np.ndarray:
         raise ValueError(f"windows must be pairs (start, end) of times, got {windows!r}") from None
     for window in windows:
         if not window[0] < window[1]:
-            raise ValueError(f"a window must have its start before its end, got {tuple(window.tolist())}")
+            raise ValueError(f"a window must start before it ends, got {tuple(window.tolist())}")
         used |= (time >= window[0]) & (time <= window[1])
     return used
 
@@ -184,7 +184,7 @@ def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, n
     """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, of an order selected by BIC, and the head of the whitening filter.
 
     The Yule–Walker equations are solved by Levinson's recursion on the autocovariance. Noise absorbed by a fit is
-    added: residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so that
+    added: residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so
     noise appears less correlated than it is.
 
     Parameters

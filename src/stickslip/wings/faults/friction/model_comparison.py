@@ -102,7 +102,7 @@ class Gain(NamedTuple):
 def gain_by(name: str, solution: Solution) -> Gain:
     """Fit an additional parameter of each record: "trend", or "theta" for a start away from steady state.
 
-    The fall of the sum of squares is weighed by the number of independent samples in the remaining residuals, so that
+    The fall of the sum of squares is weighed by the number of independent samples in the remaining residuals, so
     slow noise is not mistaken for a trend.
     """
     task, start = solution.task, solution.x

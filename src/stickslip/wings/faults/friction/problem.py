@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from ....kit import Report, silent, within
 from .model import DEFAULTS, LINEAR, LOGARITHMIC, PLAIN, WHITE, Prepared, linear_column, model_friction, whitened
 
-SEARCHED, FOUND = 0.5, 0.9  # fractions of the work after which the guesses and the best minimum are found
+SEARCHED, FOUND = 0.5, 0.9  # shares of the progress bar filled once the guesses and the best minimum are found
 SINGULAR = 1e-5  # relative singular value of the scaled Jacobian below which it is a finite-difference error
 WIDEST = np.log(10.0)  # half width of a logarithm's interval above which the parameter is not determined
 PART = 0.25  # relative component in a direction above which a parameter is named
@@ -143,7 +143,7 @@ def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict, report: 
             points.append((cost, values, linear))
         if points:
             least = min(point[0] for point in points)
-            text = f"{number} of {len(nodes)} guesses, least misfit {np.sqrt(least / samples):.2e}"
+            text = f"{number} of {len(nodes)} guesses, smallest misfit {np.sqrt(least / samples):.2e}"
             report("search", number / len(nodes), text)
     points.sort(key=lambda point: point[0])
     return [{**values, "linear": linear} for _, values, linear in points[:BEST]]

@@ -172,10 +172,10 @@ def spring_slider(
     out, code, reached = laws.history(slider_of(rs, spring), (w, f, f), arrays, times, tolerance)
     kept = ~np.isnan(out[:, 0])
     factor = normal[np.minimum(np.searchsorted(ends, times[kept]), len(ends) - 1)]
-    place = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
+    displacement = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
     rows = np.vstack([(w, f, f), out[kept]])
-    place, factor, at = np.r_[0.0, place], np.r_[normal[0], factor], np.r_[0.0, times[kept]]
-    return _build_history(rs, spring, at, place, rows, factor)._replace(end=tuple(End)[code], reached=reached)
+    displacement, factor, at = np.r_[0.0, displacement], np.r_[normal[0], factor], np.r_[0.0, times[kept]]
+    return _build_history(rs, spring, at, displacement, rows, factor)._replace(end=tuple(End)[code], reached=reached)
 
 
 def slider_of(rs: RateState, spring: Spring) -> laws.Slider:

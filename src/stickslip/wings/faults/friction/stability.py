@@ -182,7 +182,7 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
 
 @readable
 class Nucleation(NamedTuple):
-    """Possibility of earthquake nucleation on a fault. Lengths are the least of all velocity-weakening cells [m]."""
+    """Possibility of earthquake nucleation on a fault. Lengths are the smallest of all velocity-weakening cells [m]."""
 
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]
@@ -261,14 +261,14 @@ def _lengths(fault: Fault) -> _Lengths:
 
 def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthens: str) -> str:
     """Sentence on steady slip at V, and on changes up to 1 m/s."""
-    place, fast = f" at {velocity:.3g} m/s", _lengths(fault.sliding_at(max(SEISMIC, velocity)))
+    location, fast = f" at {velocity:.3g} m/s", _lengths(fault.sliding_at(max(SEISMIC, velocity)))
     if slow.longest == fast.longest == 0:
         ends = f"from {velocity:.3g} to {SEISMIC:g} m/s"
         return f"no earthquake can nucleate: the fault is velocity-strengthening everywhere at all velocities {ends}"
     if slow.longest == 0:
-        sentence = f"the fault is velocity-strengthening ({strengthens} with the cut-offs) everywhere{place}"
+        sentence = f"the fault is velocity-strengthening ({strengthens} with the cut-offs) everywhere{location}"
     else:
-        sentence = slow.ratio(place)
+        sentence = slow.ratio(location)
     if slow.possible:
         slows = "" if fast.longest else f"; slip above {_transition(fault, max):.3g} m/s strengthens and may stay slow"
         return f"earthquakes can nucleate: {sentence}{slows}"
@@ -281,7 +281,7 @@ def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthe
 
 
 def _shortest_half_length(fault: Fault, weak: np.ndarray) -> float:
-    """Least half-length of the nucleation zones of velocity-weakening cells, for a fault without cut-offs."""
+    """Smallest half-length of the nucleation zones of velocity-weakening cells, for a fault without cut-offs."""
     b, slip = fault.evolution[weak], (fault.b * fault.dc + fault.b2 * np.asarray(fault.dc2))[weak]
     rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
     half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())

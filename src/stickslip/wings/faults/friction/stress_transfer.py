@@ -104,7 +104,7 @@ class StressTransfer(NamedTuple):
     """Linear map from slip to shear stress for N cells: a convolution, plus one with slip mirrored in the surface.
 
     The product of two polynomials, slip by cell and stress by lag, is evaluated at the L roots of x^L = i. Powers
-    outside the range 0 to L − 1 become imaginary there, so that L ≥ N values are enough. For mirrored slip, x is
+    outside the range 0 to L − 1 become imaginary there, so L ≥ N values are enough. For mirrored slip, x is
     replaced by x⁻¹, which conjugates the values.
     """
 

@@ -82,10 +82,10 @@ def fitted(data: _Data, fits: list[_Fit] | tuple[_Fit, ...]):
     if data.legs:
         ends = np.cumsum([leg.duration for leg in data.legs])
         run = np.cumsum([leg.duration * leg.velocity for leg in data.legs])
-        place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, run])
+        displacement = np.interp(time, np.r_[0.0, ends], np.r_[0.0, run])
     else:
-        place = np.r_[0.0, np.cumsum(0.5 * (data.velocity[1:] + data.velocity[:-1]) * np.diff(time))]
-    x, label, _ = _abscissa(time, place, data.legs)
+        displacement = np.r_[0.0, np.cumsum(0.5 * (data.velocity[1:] + data.velocity[:-1]) * np.diff(time))]
+    x, label, _ = _abscissa(time, displacement, data.legs)
     top.plot(x, data.friction, ".", color=GREY, ms=1.5, label="record")
     for k, fit in enumerate(fits):
         color, style = LAW_COLORS[fit.law], ("-", "--")[k % 2]

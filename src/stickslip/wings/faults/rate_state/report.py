@@ -104,7 +104,7 @@ def _recurrence(result: SliderResult) -> float | None:
 MEASURES = Measures([
     Quantity("final_friction", "1", "friction at the end", lambda r: r.history.friction[-1]),
     Quantity("final_velocity", "m/s", "slip velocity at the end", lambda r: r.history.velocity[-1]),
-    Quantity("least_friction", "1", "least friction", lambda r: r.history.friction.min()),
+    Quantity("least_friction", "1", "smallest friction", lambda r: r.history.friction.min()),
     Quantity("greatest_friction", "1", "greatest friction", lambda r: r.history.friction.max()),
     Quantity("steady_friction", "1", "steady friction at the velocity of the last moving leg",
              lambda r: float(steady_friction(r.scenario.surface.rate_state, _moving_velocity(r)))),

@@ -33,7 +33,7 @@ EXPERIMENT = Experiment(
     paper=Paper(
         title="Charan et al. 2020: an array of frictional disks",
         cuts=(
-            "16 realizations of sliding at each load instead of 200 (quarter: 8 instead of 100); M(t) for 30000 "
+            "16 realisations of sliding at each load instead of 200 (quarter: 8 instead of 100); M(t) for 30000 "
             "time units instead of 60000; sliding for 25000 instead of 40000 (quarter: 60000 instead of 80000); 8 "
             "kicked runs at each of 4 pushes instead of 20 at 8"
         ),

@@ -425,8 +425,8 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
     outcomes = zip(threshold.loads, threshold.probability[:, 0], threshold.lasting_probability[:, 0], strict=True)
     shares = ", ".join(f"{slid:.2g} and {lasting:.2g} at {load:g}" for load, slid, lasting in outcomes)
     note = (
-        f"load at which half of the kicked runs slide on; fractions of {threshold.runs[0, 0]} runs from velocities "
-        f"of {threshold.kicks[0]:g} that slide by {threshold.distance:g}, and that slide on: {shares}"
+        f"load at which half of the kicked runs keep sliding; fractions of {threshold.runs[0, 0]} runs from velocities "
+        f"of {threshold.kicks[0]:g} that slide by {threshold.distance:g}, and that keep sliding: {shares}"
     )
     stops, (last, first) = "no sliding array came to rest at a lower load", threshold.arrest_range
     if np.isfinite(last):
@@ -503,10 +503,10 @@ def reproduce(
 
     Parameters
     ----------
-    quick : use fewer realizations and shorter runs
+    quick : use fewer realisations and shorter runs
     seed : seed of all random velocities
-    workers : number of processes for the realizations, or the address of a Dask scheduler
-    device : "cuda" to run realizations of sliding on a graphics processor; errors as in `simulate_disk_array`
+    workers : number of processes for the realisations, or the address of a Dask scheduler
+    device : "cuda" to run realisations of sliding on a graphics processor; errors as in `simulate_disk_array`
     report : called as report(stage, share done, text)
     """
     ones = paper_scenario(quick=quick, seed=seed), quarter_scenario(quick=quick, seed=seed)

@@ -49,7 +49,7 @@ TOLERANCE = {
     "growth": 0.02,  # linear theory is exact; the fit window ends where contacts begin to open
     "saturation": 1.0,  # the paper prints "about" and a power of ten: a factor of two either way
     "threshold": 0.1,  # the paper's loads of arrest and of sliding differ by a factor of two
-    "front": 0.25,  # nearly three times the largest error that the paper gives for V_1 with its 25 realizations, 9 %
+    "front": 0.25,  # nearly three times the largest error that the paper gives for V_1 with its 25 realisations, 9 %
     "ratio": 1.5 / 4.3,  # the scatter printed in the paper: 4.3 ± 1.5
     "exponent": 0.21,  # over Im λ from 2.4e-4 to 1.0e-3, this change of the power equals the ratio's scatter of 35 %
     "slope": 0.1,  # printed with two digits and no error: typical of a fit to a handful of velocities
@@ -81,7 +81,7 @@ def evaluate_fronts(main: DiskArrayResult) -> list[Claim]:
 
 def _count_realizations(front: Front, result: DiskArrayResult, loads) -> str:
     failed = sum(len(result.sliding[load].failures) for load in loads)
-    counted = f"{front.counted} realizations, {front.complete} of them complete"
+    counted = f"{front.counted} realisations, {front.complete} of them complete"
     return counted + (f", {failed} failed" if failed else "")
 
 
@@ -89,7 +89,7 @@ def _speed_claims(name: str, suffix: str, source: str, paper: float, front: Fron
     """Claims about a front speed with both estimators: through the front's start (Eq 9), and with a free intercept."""
     unit, tolerance = "length/time", TOLERANCE["front"]
     if not front:
-        note = "no front: too few realizations in which the event happens at every disk before the run ends"
+        note = "no front: too few realisations in which the event happens at every disk before the run ends"
         return [claim(f"{name}{end}{suffix}", source, paper, None, unit, tolerance, note) for end in ("", "-free")]
     other = f"through the start {format_value(front.speed)}, with a free intercept {format_value(front.free_intercept)}"
     return [
@@ -151,7 +151,7 @@ def backward_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
 
 
 def _starts(main: DiskArrayResult) -> list[Claim]:
-    """Claims about the disk at which each front starts, in more than half of the realizations."""
+    """Claims about the disk at which each front starts, in more than half of the realisations."""
     k = main.scenario.sliding.thresholds.index(V2_THRESHOLD)
     groups = [main.sliding[load] for load in FRONT_LOADS]
     pushed, last = main.scenario.load.disk - 1, int(backward_order(main)[0][0])
@@ -170,7 +170,7 @@ def _start(name: str, source: str, disk: int, times: np.ndarray) -> Claim:
     error = np.sqrt(share * (1 - share) / n) if n else np.inf
     return statement(
         name, source, exceeds(share, error, 0.5),
-        f"disk {disk + 1} is the first in {share:.0%} of {n} complete realizations, by chance in "
+        f"disk {disk + 1} is the first in {share:.0%} of {n} complete realisations, by chance in "
         f"{1 / times.shape[1]:.0%}; the statement is interpreted as more than half",
     )  # fmt: skip
 
@@ -187,7 +187,7 @@ def _order(forward: dict[float, Front | None]) -> Claim:
         "breach-in-order", 'Fig 5: "with τ_{i+1} > τ_i > τ_1 and i being the index of the disk"', holds,
         f"steps between mean delays of neighbours at {len(fronts)} loads: {(steps > 0).sum()} of {len(steps)} are "
         f"positive, {back.sum()} are negative by more than {CERTAIN:g} errors; the last on average is {late}"
-        f"{'; more realizations would decide it' if holds is None else ''}",
+        f"{'; more realisations would decide it' if holds is None else ''}",
     )  # fmt: skip
 
 
@@ -293,7 +293,7 @@ def _msd_at_breach(main: DiskArrayResult) -> Claim:
         'Coulomb law is breached at the contact with the substrate"', 1e-2, float(root.mean()) if len(root) else None,
         "R", TOLERANCE["saturation"],
         f"√M, as M is an area, when the first contact with the substrate reaches the limit in {len(root)} "
-        f"realizations; M itself is {4 * values.mean() if len(values) else np.nan:.1e} R²", error=standard_error(root),
+        f"realisations; M itself is {4 * values.mean() if len(values) else np.nan:.1e} R²", error=standard_error(root),
     )  # fmt: skip
 
 
@@ -304,13 +304,13 @@ def _where_first(main: DiskArrayResult) -> Claim:
     return statement(
         "substrate-first", 'Fig 3: at 0.083 "for the first time the Coulomb law is breached at the contact with the '
         'substrate"', exceeds(share, _share_error(first), 0.5),
-        f"in {int(first.sum())} of {len(first)} realizations the first contact at the limit is with the substrate; in "
+        f"in {int(first.sum())} of {len(first)} realisations the first contact at the limit is with the substrate; in "
         f"the others it is between two disks",
     )  # fmt: skip
 
 
 def _share_error(yes: np.ndarray) -> float:
-    """Standard error of the fraction of realizations with an outcome; infinite without realizations."""
+    """Standard error of the fraction of realisations with an outcome; infinite without realisations."""
     return float(np.sqrt(yes.mean() * (1 - yes.mean()) / len(yes))) if len(yes) else np.inf
 
 
@@ -321,7 +321,7 @@ def _power(main: DiskArrayResult) -> Claim:
         "msd-exponent", 'Fig 3: "subsequently M(t) increases linearly in time with a fixed average velocity"', 1.0,
         float(power.mean()) if len(power) else None, "1", TOLERANCE["power"],
         f"p in M ∝ (t − t_b)^p, t_b the first breach at the substrate, over the last third of {len(power)} "
-        f"realizations that slide; the sentence contradicts itself", error=standard_error(power), reference=2.0,
+        f"realisations that slide; the sentence contradicts itself", error=standard_error(power), reference=2.0,
         reference_source="a fixed velocity V: M = N V² (t − t_b)²",
     )  # fmt: skip
 
@@ -366,18 +366,18 @@ def _columns(values: np.ndarray, there: np.ndarray) -> list[np.ndarray]:
 
 
 def _center(main: DiskArrayResult) -> list[Claim]:
-    """Claims about the center of mass while the array slides: constant velocity, steady height, and abrupt onset."""
+    """Claims about the centre of mass while the array slides: constant velocity, steady height, and abrupt onset."""
     groups = [main.sliding[load] for load in FRONT_LOADS]
     k = main.scenario.sliding.thresholds.index(V2_THRESHOLD)
     velocity, height = (np.concatenate([getattr(g, name) for g in groups]) for name in ("late_velocity", "late_height"))
     onset = np.concatenate([np.column_stack([g.velocity, g.drift[:, k]]) for g in groups])
     rows = (
         ("fixed-velocity", '"a simple first order transition from static to dynamics with a fixed velocity"', velocity,
-         "steady", "velocity of the center in the last sixth of the runs over that in the previous sixth"),
+         "steady", "velocity of the centre in the last sixth of the runs over that in the previous sixth"),
         ("height-without-growth", '"the y component of the center of mass that oscillates without growth"', height,
-         "steady", "standard deviation of the height of the center in the last sixth over that in the previous sixth"),
+         "steady", "standard deviation of the height of the centre in the last sixth over that in the previous sixth"),
         ("first-order-onset", '"appears like a simple first order transition"', onset, "front",
-         f"velocity when the center has moved by {V2_THRESHOLD:g} over that in the last third of the runs: one if "
+         f"velocity when the centre has moved by {V2_THRESHOLD:g} over that in the last third of the runs: one if "
          f"the velocity jumps"),
     )  # fmt: skip
     return [_ratio(name, f"Fig 7: {said}", values, TOLERANCE[kind], note) for name, said, values, kind, note in rows]
@@ -396,13 +396,13 @@ def _ratio(name: str, source: str, values: np.ndarray, tolerance: float, note: s
 def sliding_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
     """Claims about Eq 10; the intercept for the printed model only."""
     line = velocity_line(result, LINE_TOP)
-    slope, error, note = None, None, "fewer than three loads at which realizations slide before the run ends"
+    slope, error, note = None, None, "fewer than three loads at which realisations slide before the run ends"
     if line:
         slope, error = line.slope, line.slope_error
         wider = {top: velocity_line(result, top).slope for top in line.push if top > LINE_TOP}
         slid = [int(np.isfinite(result.sliding[load].velocity).sum()) for load in FRONT_LOADS]
         note = (
-            f"fitted to the loads named in the paper, where {'+'.join(map(str, slid))} realizations slide before "
+            f"fitted to the loads named in the paper, where {'+'.join(map(str, slid))} realisations slide before "
             f"the run ends; V is convex: slopes from fits up to larger loads are "
             f"{', '.join(f'{value:.2e} up to {top:g}' for top, value in wider.items())}"
         )

@@ -22,24 +22,24 @@ AROUND = 200  # samples before and after a time over which a profile is averaged
 
 
 class Transition(NamedTuple):
-    """One realization of the transition; times of events that did not happen are NaN."""
+    """One realisation of the transition; times of events that did not happen are NaN."""
 
     breach: np.ndarray  # (N,) first time at the Coulomb limit of each disk's contact with the substrate [time]
     slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
-    # velocity of the center of mass over the last third of the run; NaN unless all disks slid earlier [length/time]
+    # velocity of the centre of mass over the last third of the run; NaN unless all disks slid earlier [length/time]
     velocity: float  # [length/time]
     wall_first: float  # 1 if the first contact at the Coulomb limit is with the substrate, 0 if not; NaN if none is
     msd_at_breach: float  # M when the first contact with the substrate reaches the Coulomb limit [length²]
     unloading: np.ndarray  # (N,) overlap with the substrate at the breach of each disk, over that before the run
     power: float  # p in M ∝ (t − t_b)^p over the last third of the run, t_b the first breach; NaN unless all disks slid
-    late_velocity: np.ndarray  # (2,) velocity of the center in both halves of the last third, likewise [length/time]
-    late_height: np.ndarray  # (2,) standard deviation of the height of the center in both halves [length]
+    late_velocity: np.ndarray  # (2,) velocity of the centre in both halves of the last third, likewise [length/time]
+    late_height: np.ndarray  # (2,) standard deviation of the height of the centre in both halves [length]
     # the following use displacements along the row, averaged over `AROUND` samples before and after
     smooth_slide: np.ndarray  # (H, N) first time at which these exceed each threshold [time]
     profile: np.ndarray  # (H, N) their deviation from the mean when the mean passes each threshold [length]
     drift: np.ndarray  # (H,) velocity of the mean at that time [length/time]
     time: np.ndarray  # (S,) [time]
-    center: np.ndarray  # (S, 2) center of mass [length]
+    center: np.ndarray  # (S, 2) centre of mass [length]
 
 
 class Front(NamedTuple):
@@ -49,11 +49,11 @@ class Front(NamedTuple):
     delay: np.ndarray  # (N,) mean time after the start of the front [time]
     error: np.ndarray  # (N,) standard error of the mean [time]
     speed: float  # [length/time]
-    speed_error: float  # bootstrap over realizations, one standard deviation [length/time]
+    speed_error: float  # bootstrap over realisations, one standard deviation [length/time]
     free_intercept: float  # speed by regression of time on distance without fixing the start [length/time]
     free_error: float  # same bootstrap, half of the central 68 % interval, as 1/slope has long tails [length/time]
-    complete: int  # number of realizations in which the event happened at every disk
-    counted: int  # number of realizations included in the fit
+    complete: int  # number of realisations in which the event happened at every disk
+    counted: int  # number of realisations included in the fit
 
 
 def breach_times(events: np.ndarray, start: State) -> np.ndarray:
@@ -162,7 +162,7 @@ def msd_power(time: np.ndarray, msd: np.ndarray, breach: np.ndarray) -> float:
 
 
 def late_halves(time: np.ndarray, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity along the row and standard deviation of the height of the center of mass, in both halves of a run."""
+    """Velocity along the row and standard deviation of the height of the centre of mass, in both halves of a run."""
     halves = np.array_split(np.arange(len(time)), 2)
     velocity = np.array([velocity_of(time[half], center[half, 0]) for half in halves])
     return velocity, np.array([center[half, 1].std() for half in halves])
@@ -197,8 +197,8 @@ def drift_speed(
     """Speed of the front formed by disks that keep their displacements u_i (S, N) while they drift at speeds V (S,).
 
     Disk i passes a threshold later than the disk where the front starts, by (u_start − u_i)/V. Delays follow from the
-    means of u_i and V over realizations; a line through the start is fitted to them, as in `fit_front`. The error is
-    from a bootstrap over realizations. None with fewer than two realizations.
+    means of u_i and V over realisations; a line through the start is fitted to them, as in `fit_front`. The error is
+    from a bootstrap over realisations. None with fewer than two realisations.
     """
     whole = np.isfinite(profile).all(axis=1) & np.isfinite(drift)
     profile, drift = profile[whole][:, order], drift[whole]
@@ -213,13 +213,13 @@ def drift_speed(
 
 
 def fit_front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:
-    """Fit a front to the times of the same event (realizations, N).
+    """Fit a front to the times of the same event (realisations, N).
 
     Delays are counted from the disk where the front starts.
 
     Source
     ------
-    doi:10.48550/arXiv.1908.11724, Eq 9: V (τ_i − τ_start) = distance, for times averaged over realizations.
+    doi:10.48550/arXiv.1908.11724, Eq 9: V (τ_i − τ_start) = distance, for times averaged over realisations.
     """
     delay = times[:, order] - times[:, order[:1]]
     delay = delay[np.isfinite(delay).sum(axis=1) > 1]

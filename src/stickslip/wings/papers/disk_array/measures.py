@@ -63,7 +63,7 @@ class Line(NamedTuple):
     """Sliding velocity against push, with the line V = intercept + slope F_x fitted to some of the loads."""
 
     push: np.ndarray  # (L,) all loads
-    velocity: np.ndarray  # (L,) means over the realizations that slid before the run ended [length/time]
+    velocity: np.ndarray  # (L,) means over the realisations that slid before the run ended [length/time]
     error: np.ndarray  # (L,) standard errors of the means
     slope: float
     intercept: float
@@ -195,7 +195,7 @@ ARREST_LOADS = (0.030, 0.040)  # loads at which the paper's array comes to rest 
 KICK = 1e-4  # standard deviation of initial velocities, far above the noise from which a pair grows [length/time]
 KICKED_LOADS = (0.030, 0.040, 0.0425, 0.045, 0.0475, 0.050, 0.055, 0.083)
 FEWER_LOADS = (0.040, 0.045, 0.050, 0.083)  # loads of a quick run
-REALIZATIONS = {False: 20, True: 8}  # realizations at each load, in a full and in a quick run
+REALIZATIONS = {False: 20, True: 8}  # realisations at each load, in a full and in a quick run
 
 
 class Arrest(NamedTuple):

@@ -46,7 +46,7 @@ def files(result: DiskArrayResult):
 
 
 def failures(result: DiskArrayResult) -> tuple[str, ...]:
-    """One sentence for each failed realization."""
+    """One sentence for each failed realisation."""
     return tuple(sentence for ensemble in result.sliding.values() for sentence in ensemble.failures)
 
 
@@ -73,7 +73,7 @@ def paper_numbers(reproduction: Reproduction) -> dict:
 
 
 def paper_failures(reproduction: Reproduction) -> tuple[str, ...]:
-    """One sentence for each failed realization of either model."""
+    """One sentence for each failed realisation of either model."""
     return failures(reproduction.main) + failures(reproduction.quarter)
 
 
@@ -158,7 +158,7 @@ FREE_RUN = Quantities([
 ])  # fmt: skip
 SLIDING = Quantities([
     Quantity("push", "1", "push", "load"),
-    Quantity("realizations", "1", "number of realizations", lambda one: len(one.velocity)),
+    Quantity("realizations", "1", "number of realisations", lambda one: len(one.velocity)),
     Quantity("slid in time", "1", "those that slid", lambda one: np.isfinite(one.velocity).sum()),
     Quantity("velocity", "length/time", "their mean velocity, ± half of its 95 % interval", _velocity),
     Quantity("forward front", "length/time", "speed of the forward front, ± its standard error",
@@ -177,7 +177,7 @@ MEASURES = Measures([
     Quantity("fitted_growth_rate", "1/time", "growth rate fitted to the free run at the largest push",
              lambda result: next((result.free_runs[load].growth.growth_rate for load in sorted(result.free_runs)[::-1]
                                   if result.free_runs[load].growth), NAN)),
-    Quantity("sliding_velocity", "length/time", "mean velocity of the realizations that slid at a push",
+    Quantity("sliding_velocity", "length/time", "mean velocity of the realisations that slid at a push",
              lambda result: {load: _velocity(ensemble).mean for load, ensemble in result.sliding.items()}),
 ])  # fmt: skip
 

@@ -112,11 +112,11 @@ class Dynamics(ScenarioTable):
 
 
 class Sliding(ScenarioTable):
-    """Realizations of the transition at loads at which the array slides, for fronts and the sliding velocity."""
+    """Realisations of the transition at loads at which the array slides, for fronts and the sliding velocity."""
 
-    loads: Loads = Field((), description="pushes; default: none, and hence no realizations [`load.unit`]")
+    loads: Loads = Field((), description="pushes; default: none, and hence no realisations [`load.unit`]")
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(
-        25, description="realizations at each load, which differ in their random velocities"
+        25, description="realisations at each load, which differ in their random velocities"
     )
     duration: Duration = Field(40_000.0, description="duration of each run [time]")
     thresholds: Annotated[tuple[Positive, ...], Listed] = Field(
@@ -152,7 +152,7 @@ class DiskArrayScenario(ScenarioBase):
         for name, table in (("dynamics", self.dynamics), ("sliding", self.sliding)):
             yield Size(f"{name}.duration takes", table.duration / dt, "time steps", "use a longer dynamics.dt")
         runs = len(self.sliding.loads) * self.sliding.realizations
-        yield Size("sliding.loads and sliding.realizations make", runs, "runs", "use fewer realizations")
+        yield Size("sliding.loads and sliding.realizations make", runs, "runs", "use fewer realisations")
 
     @model_validator(mode="after")
     def _check_loads(self):

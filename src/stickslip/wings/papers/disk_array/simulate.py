@@ -39,7 +39,7 @@ RAMP, BIRTHS, FREE = "quasi-static ramp", "births and deaths of pairs", "free ru
 
 
 class Ensemble(NamedTuple):
-    """Realizations of sliding at one load; fields as in `Transition`."""
+    """Realisations of sliding at one load; fields as in `Transition`."""
 
     load: float
     breach: np.ndarray  # (S, N) [time]
@@ -55,7 +55,7 @@ class Ensemble(NamedTuple):
     profile: np.ndarray  # (S, H, N) [length]
     drift: np.ndarray  # (S, H) [length/time]
     time: np.ndarray  # (T,) [time]
-    center: np.ndarray  # (T, 2) of the first realization [length]
+    center: np.ndarray  # (T, 2) of the first realisation [length]
     failures: tuple[str, ...]
 
 
@@ -136,7 +136,7 @@ def run_sliding(
     points: list[Equilibrium], law: Law, scenario: DiskArrayScenario, workers: Workers, report: Report = silent, *,
     kept: Checkpoint | None = None, device: Device | None = None,
 ) -> dict[float, Ensemble]:  # fmt: skip
-    """Run the realizations of sliding at every load in parallel, with the scenario's seed + 1, 2, 3 … as seeds."""
+    """Run the realisations of sliding at every load in parallel, with the scenario's seed + 1, 2, 3 … as seeds."""
     how, dynamics = scenario.sliding, scenario.dynamics
     options = {"velocity": dynamics.seed_velocity, "duration": how.duration, "thresholds": how.thresholds}
     for point in points:
@@ -147,12 +147,12 @@ def run_sliding(
         options |= dynamics.options | {"sample": fastest_period(p) / 10}
         tasks += [Task(f"seed {s}", (p.state, law, p.load, s, dict(options)), f"{p.load!r}-{s}", kept) for s in seeds]
     runs = run_realizations(
-        _transition_task, tasks, stage="realizations of sliding", workers=workers, device=device, report=report,
+        _transition_task, tasks, stage="realisations of sliding", workers=workers, device=device, report=report,
         describe=_describe_member,
     )  # fmt: skip
     out = {}
     for point, group in zip(points, runs.groups(len(seeds)), strict=True):
-        good = group.successful(f"realization at push = {point.load:g}")
+        good = group.successful(f"realisation at push = {point.load:g}")
         out[point.load] = Ensemble(
             point.load,
             *map(np.array, zip(*(t[: -len(("time", "center"))] for t in good), strict=True)),
@@ -164,7 +164,7 @@ def run_sliding(
 
 
 def _describe_member(member) -> str:
-    """Describe the outcome of a realization."""
+    """Describe the outcome of a realisation."""
     if member.failure:
         return member.failure
     velocity = member.result.velocity
@@ -185,11 +185,11 @@ def simulate_disk_array(
 
     Parameters
     ----------
-    folder : run folder, in which loads, free runs and realizations are saved as soon as they finish; a killed run
+    folder : run folder, in which loads, free runs and realisations are saved as soon as they finish; a killed run
         resumes from them
-    workers : number of processes for the realizations of sliding, or the address of a Dask scheduler; the result does
+    workers : number of processes for the realisations of sliding, or the address of a Dask scheduler; the result does
         not depend on it
-    device : "cuda" to run the realizations of sliding side by side on a graphics processor; they agree with those of
+    device : "cuda" to run the realisations of sliding side by side on a graphics processor; they agree with those of
         other processors until round-off has grown
     sensitivity : also track the pairs on the same path with twice the load step, to test its influence on births
     report : called as report(stage, share done, text with the relevant quantities)
@@ -233,7 +233,7 @@ def open_checkpoint(folder: Path | None, scenario: DiskArrayScenario) -> Checkpo
 def simulate_before_sliding(
     scenario: DiskArrayScenario, kept: Checkpoint | None, sensitivity: bool = False, report: Report = silent
 ) -> DiskArrayResult:
-    """Run a scenario, except the realizations of sliding, in this process."""
+    """Run a scenario, except the realisations of sliding, in this process."""
     kept = kept and kept.if_visible()
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")
@@ -265,7 +265,7 @@ def add_sliding(
     report: Report = silent,
     device: Device | None = None,
 ) -> DiskArrayResult:
-    """Run the realizations of sliding from loads on the path of a result."""
+    """Run the realisations of sliding from loads on the path of a result."""
     scenario = result.scenario
     if not scenario.sliding.loads:
         return result

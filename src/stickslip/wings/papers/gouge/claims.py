@@ -221,7 +221,7 @@ def _law_of_holds(main: GougeResult) -> list[Claim]:
             f"e-fold {_interval(rate)}: {slopes}. Both laws predict a larger decrease before that time", STUDY,
         ),
         claim(
-            "bands-of-holds", "Fig S1: shaded, 2σ of 8 realizations; no number is printed", None, float(curve.band[-1]),
+            "bands-of-holds", "Fig S1: shaded, 2σ of 8 realisations; no number is printed", None, float(curve.band[-1]),
             "1", PEAK, f"2σ over {len(curve.rows)} branches at the end of the longest hold",
         ),
         statement(

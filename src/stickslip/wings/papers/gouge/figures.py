@@ -10,10 +10,10 @@ from ....measure import wrapped
 HELD = ("time held", "s")  # quantity and unit
 FRICTION = r"friction $\tau/\sigma$"
 LONGER = 3.0  # ratio of the lengths of curves above which their axis is logarithmic
-MOST_NAMED = 8  # largest number of realizations named in a legend
+MOST_NAMED = 8  # largest number of realisations named in a legend
 
-_Realization = Annotated[Any, Result("realization of a GougeResult", ("states",))]
-_WithTests = Annotated[Any, Result("realization of a GougeResult", ("tests",))]
+_Realization = Annotated[Any, Result("realisation of a GougeResult", ("states",))]
+_WithTests = Annotated[Any, Result("realisation of a GougeResult", ("tests",))]
 _Curve = Annotated[Any, Result("Curve", ("x", "mean", "error", "band", "label"))]
 _Number = Annotated[Any, Result("Number", ("value", "half"))]
 _Panel = tuple[list[_Curve], dict[str, Any]]
@@ -21,17 +21,17 @@ _Panel = tuple[list[_Curve], dict[str, Any]]
 
 @style.styled
 def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diameter: float):
-    """Friction and thickness against slip for all realizations, from rest to steady sliding.
+    """Friction and thickness against slip for all realisations, from rest to steady sliding.
 
     Parameters
     ----------
-    realizations : realizations of a `GougeResult`
+    realizations : realisations of a `GougeResult`
     diameter : D, the unit of slip and thickness [m]
     """
     figure, (above, below) = style.column_axes(2, 3.4, sharex=True)
     for number, realization in enumerate(realizations):
         series, color = realization.tests[0].series, style.COLORS[number % len(style.COLORS)]
-        style.plot_fast(above, series.slip / diameter, series.friction, color=color, label=f"realization {number + 1}")
+        style.plot_fast(above, series.slip / diameter, series.friction, color=color, label=f"realisation {number + 1}")
         style.plot_fast(below, series.slip / diameter, series.thickness / diameter, color=color)
     style.label_axes(above, y=FRICTION)
     style.label_axes(below, x="slip of the upper plate / $D$", y="thickness / $D$")
@@ -45,7 +45,7 @@ def velocity_steps(curves: list[_Curve], *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
     LONGER = 3.0  # ratio of the lengths of curves above which their axis is logarithmic
-    MOST_NAMED = 8  # largest number of realizations named in a legend
+    MOST_NAMED = 8  # largest number of realisations named in a legend
     """
     figure, axes = style.column_axes(1, 2.4)
     for number, curve in enumerate(curves):
@@ -182,8 +182,8 @@ def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScen
     """Sample in steady sliding, viewed along z: mobile grains coloured by speed, plates grey."""
     state = realization.states["steady"]
     loose = np.flatnonzero(state.control.group[: len(state.grains.radius)] < 0)
-    place, radius = wrapped(state), float(state.grains.radius.max())
-    low, high = 1e3 * (place[:, 1].min() - 1.2 * radius), 1e3 * (place[:, 1].max() + 1.2 * radius)
+    position, radius = wrapped(state), float(state.grains.radius.max())
+    low, high = 1e3 * (position[:, 1].min() - 1.2 * radius), 1e3 * (position[:, 1].max() + 1.2 * radius)
     length = 1e3 * scenario.cell.length
     figure, axes = style.subplots(figsize=(style.WIDTH, 0.8 * style.WIDTH * (high - low) / length + 0.7))
     speed = np.linalg.norm(state.grains.velocity[loose], axis=1)
@@ -191,7 +191,7 @@ def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScen
         grains=state.grains._replace(radius=1e3 * state.grains.radius),
         cell=state.cell._replace(vectors=1e3 * state.cell.vectors),
     )
-    drawn = draw_grains_by_speed(axes, shown, 1e3 * place, loose, float(np.quantile(speed, 0.95)) or 1.0)
+    drawn = draw_grains_by_speed(axes, shown, 1e3 * position, loose, float(np.quantile(speed, 0.95)) or 1.0)
     axes.set(xlim=(0, length), ylim=(low, high), aspect="equal")
     style.label_axes(axes, x=("$x$", "mm"), y=("$y$", "mm"))
     axes.set_title("grey: grains of the plates", fontsize=7)
@@ -215,7 +215,7 @@ def _name_band(axes, label: str, color=style.BLACK) -> None:
 
 @style.styled
 def stick_slip(
-    realization: Annotated[Any, Result("realization of a GougeResult", ("of", "seed"))],
+    realization: Annotated[Any, Result("realisation of a GougeResult", ("of", "seed"))],
     slips: Annotated[Any, Result("result of find_slips", ("realization", "load_point", "drop", "velocity"))],
     diameter: float,
 ):
@@ -223,8 +223,8 @@ def stick_slip(
 
     Parameters
     ----------
-    realization : one realization of a `GougeResult`
-    slips : result of `find_slips`; slips of this realization are marked
+    realization : one realisation of a `GougeResult`
+    slips : result of `find_slips`; slips of this realisation are marked
     diameter : D, the unit of displacements [m]
     """
     figure, (above, below) = style.column_axes(2, 3.6, sharex=True)

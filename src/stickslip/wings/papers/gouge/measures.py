@@ -23,7 +23,7 @@ SMOOTH = 0.02  # slip over which curves are averaged before the peak is determin
 
 @checked
 def steady_friction(found: Realization, velocity: float, window: float) -> Mean | None:
-    """Mean steady friction of a realization at a velocity; None if sliding was never steady.
+    """Mean steady friction of a realisation at a velocity; None if sliding was never steady.
 
     The mean is over the last two windows [m] of the preparation, slides that continued at this velocity, and the second
     halves of slides and steps that changed to it. The error accounts for the correlation of friction along slip; see
@@ -54,7 +54,7 @@ def steady_slip(result: GougeResult, velocity: float) -> float:
 
 @checked
 def velocities(result: GougeResult) -> list[float]:
-    """Velocities with steady friction in at least one realization, slowest first."""
+    """Velocities with steady friction in at least one realisation, slowest first."""
     values = {t.velocity for sample in result.realizations for t in sample.of("steady", "slide", "step")}
     return sorted(v for v in values if v > 0)
 
@@ -358,7 +358,7 @@ def peak_slip(curve: Curve) -> float:
 class Steps(NamedTuple):
     """Slide and subsequent velocity steps as a laboratory record."""
 
-    seed: int  # seed of the realization; −1 for the mean over all branches
+    seed: int  # seed of the realisation; −1 for the mean over all branches
     part: int  # entry of the protocol, counted from 0
     branch: int
     data: Data

@@ -50,11 +50,11 @@ def paper_scenario(
 ) -> GougeScenario:  # fmt: skip
     """Return the scenario of holds after sliding at 0.03 m/s, followed by slides, or the scenario of the paper's size.
 
-    Holds with other damping values are shorter. Without a number of realizations, the scenario is that of the stored
+    Holds with other damping values are shorter. Without a number of realisations, the scenario is that of the stored
     samples, which `read_samples` checks.
     """
     if not paper_size and (realizations or samples):
-        raise ValueError("realizations and samples require paper_size")
+        raise ValueError("realisations and samples require paper_size")
     if paper_size:
         if samples and realizations:
             check_folder(samples)

@@ -1,4 +1,4 @@
-"""One realization of a gouge experiment: a trunk that slides steadily, and tests that branch off its states.
+"""One realisation of a gouge experiment: a trunk that slides steadily, and tests that branch off its states.
 
 The trunk is prepared, slid until friction is steady, and taken through the slides of the protocol. Steps and holds
 start from copies of its state, so that they can run in parallel. A slip is an interval, in slides through a soft
@@ -72,7 +72,7 @@ class Branch(NamedTuple):
 
 
 class Trunk(NamedTuple):
-    """Realization without its branches."""
+    """Realisation without its branches."""
 
     tests: tuple[Test, ...]
     branches: tuple[Branch, ...]
@@ -159,7 +159,7 @@ def run_branch(
 
 
 def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) -> Realization:
-    """Make a Realization from a trunk and the tests of its branches, in branch order."""
+    """Make a `Realization` from a trunk and the tests of its branches, in branch order."""
     everything = (*trunk.tests, *(test for branch in tests for test in branch))
     fastest = max(test.velocity for test in everything)
     state, thickness = trunk.states["steady"], float(trunk.tests[0].series.thickness[-1])
@@ -395,7 +395,7 @@ class Slips(NamedTuple):
 
 
 def find_slips(realizations: tuple[Realization, ...], threshold: float, diameter: float) -> Slips:
-    """Find the slips in all slides of several realizations.
+    """Find the slips in all slides of several realisations.
 
     Parameters
     ----------

@@ -28,16 +28,16 @@ from .sample import damping, inertial_numbers, normalised_hold, normalised_stiff
 from .simulate import GougeResult, Sample
 from .statistics import slope
 
-STEPS = "steps_{:04d}_{}.csv"  # realization, and number of its sequence of steps
+STEPS = "steps_{:04d}_{}.csv"  # realisation, and number of its sequence of steps
 COLLAPSE = 5.0  # C of Ferdowsi & Rubin 2021, Fig S2b
-LONG = 0.1  # fraction of a realization above which the cost of a single hold is announced
+LONG = 0.1  # fraction of a realisation above which the cost of a single hold is announced
 
 
 def announce(*scenarios) -> None:
     """Print the expected cost of runs before they start."""
     for scenario in scenarios:
         console.print(
-            f"{scenario.realizations} realizations, each of about {scenario.steps:.2g} steps of {scenario.dt:g} s with "
+            f"{scenario.realizations} realisations, each of about {scenario.steps:.2g} steps of {scenario.dt:g} s with "
             f"{scenario.grains.number} grains, {scenario.expected_cost}.", soft_wrap=True,
         )  # fmt: skip
         if scenario.longest_hold > LONG * scenario.duration:
@@ -102,7 +102,7 @@ def paper_files(reproduction):
 
 
 def paper_failures(reproduction) -> tuple[str, ...]:
-    """One sentence for each failed realization of any run."""
+    """One sentence for each failed realisation of any run."""
     return tuple(f"{name}: {failure}" for name, result in reproduction.results.items() for failure in result.failures)
 
 
@@ -177,7 +177,7 @@ def numbers(result: GougeResult) -> dict:
 
 
 def _write_series(result: GougeResult, path: Path) -> None:
-    """Write one row per sample: realization, test, its kind and velocities, and all `Series` columns except fabric."""
+    """Write one row per sample: realisation, test, its kind and velocities, and all `Series` columns except fabric."""
     names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
     labels = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
     rows = (
@@ -225,26 +225,26 @@ def _thin_out(curve: measured.Curve) -> measured.Curve:
 
 
 def _step_files(result: GougeResult):
-    """Yield the velocity steps of every realization as laboratory records, which `stickslip fit` reads."""
+    """Yield the velocity steps of every realisation as laboratory records, which `stickslip fit` reads."""
     k = stiffness(result.scenario) / result.scenario.load.normal_stress
     count = Counter()
     for seed, _, _, data in measured.step_records(result):
         file, count[seed] = STEPS.format(seed, count[seed]), count[seed] + 1
         ends = np.cumsum([0.0, *(leg.duration for leg in data.legs)])
-        place = np.interp(data.time, ends, np.cumsum([0.0, *(leg.duration * leg.velocity for leg in data.legs)]))
+        displacement = np.interp(data.time, ends, np.cumsum([0.0, *(leg.duration * leg.velocity for leg in data.legs)]))
         before = data.before or data.legs[0].velocity
         comment = (
-            f"velocity steps of fault gouge, realization {seed}; the spring's stiffness over the normal stress is "
+            f"velocity steps of fault gouge, realisation {seed}; the spring's stiffness over the normal stress is "
             f"{k:.6g} 1/m, the velocity before {before:g} m/s",
             f"stickslip fit {file} --stiffness {k:.6g} --before {before:g}",
         )
-        yield file, partial(write_csv, record=LabRecord(data.time, data.friction, place), comments=comment)
+        yield file, partial(write_csv, record=LabRecord(data.time, data.friction, displacement), comments=comment)
 
 
 def show(result: GougeResult) -> None:
     """Print steady friction, holds and warnings on the terminal."""
     scenario, first = result.scenario, result.realizations[0]
-    console.print(f"{len(result.realizations)} realizations; ± is the half-width of a 95 % interval.")
+    console.print(f"{len(result.realizations)} realisations; ± is the half-width of a 95 % interval.")
     STEADY.show_rows(_friction(result))
     if slides := _reslides(result):
         RESLIDE.show_rows(slides, title="Slides after holds")
@@ -267,7 +267,7 @@ def show(result: GougeResult) -> None:
     for failure in result.failures:
         console.print(failure, style="yellow")
     if result.reused:
-        console.print(f"{result.reused} realizations had finished earlier and were not run again.")
+        console.print(f"{result.reused} realisations had finished earlier and were not run again.")
 
 
 def _friction(result: GougeResult) -> list[Made]:

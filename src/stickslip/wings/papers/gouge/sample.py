@@ -249,7 +249,7 @@ def _drag(scenario: GougeScenario) -> float:
 
 
 def _approach(scenario: GougeScenario, state: State, law: Law, report: Report) -> State:
-    """Move the upper wall down until it bears the normal stress, then apply that stress to it."""
+    """Move the upper wall down until it carries the normal stress, then apply that stress to it."""
     n, wanted = len(state.grains.radius), scenario.load.normal_stress
     start, least = float(state.walls.point[1, 1]), np.pi / 6 * (state.grains.radius**3 * 8).sum() / scenario.area
     while True:

@@ -145,7 +145,7 @@ class RateState(ScenarioTable):
 class Settling(ScenarioTable):
     """Preparation of a sample at rest; each stage ends when its criterion is met, or fails after `most`."""
 
-    approach: Positive = Field(5.0, description="velocity of the upper wall until it bears the normal stress [m/s]")
+    approach: Positive = Field(5.0, description="velocity of the upper wall until it carries the normal stress [m/s]")
     drag: NotNegative = Field(
         1.0, description="drag on grains and plate while settling, in 1/√(m/(P D)) of a mean grain; none afterwards"
     )
@@ -318,7 +318,7 @@ class GougeScenario(ScenarioBase):
     engine: Literal["stickslip", "lammps"] = Field(
         "stickslip", description="engine that runs the protocol after the preparation"
     )
-    ranks: Ranks = Field(1, description="MPI processes of LAMMPS, for each realization")
+    ranks: Ranks = Field(1, description="MPI processes of LAMMPS, for each realisation")
     grains: GougeGrains = GougeGrains()
     law: GougeLaw
     cell: GougeCell = GougeCell()
@@ -341,7 +341,7 @@ class GougeScenario(ScenarioBase):
     ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
         0, description="steps with an energy ledger after the protocol; each takes as long as ten ordinary steps"
     )
-    most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
+    most_steps: Positive = Field(5e7, description="maximum number of steps of one realisation")
 
     def sizes(self) -> Iterator[Size]:
         """Iterate over grains, branches, memory of their states, and samples."""
@@ -378,7 +378,7 @@ class GougeScenario(ScenarioBase):
     def _check_cost(self):
         if self.steps > self.most_steps:
             raise ValueError(
-                f"a realization takes about {self.steps:.2g} steps of dt = {self.dt:g}, more than most_steps = "
+                f"a realisation takes about {self.steps:.2g} steps of dt = {self.dt:g}, more than most_steps = "
                 f"{self.most_steps:.2g} ({self.expected_cost}): raise velocities, shorten holds and slips, use softer "
                 f"grains (law.young) with a longer dt, or raise most_steps"
             )
@@ -469,7 +469,7 @@ class GougeScenario(ScenarioBase):
 
     @property
     def duration(self) -> float:
-        """Simulated time of one realization with all its branches [s]."""
+        """Simulated time of one realisation with all its branches [s]."""
         size = self.grains.mean
         return self.trunk_duration + sum(
             part.branches * sum(part.branch(v, size)) for part in self.protocol for v in part.starts
@@ -477,12 +477,12 @@ class GougeScenario(ScenarioBase):
 
     @property
     def steps(self) -> float:
-        """Approximate number of time steps of one realization."""
+        """Approximate number of time steps of one realisation."""
         return self.duration / self.dt
 
     @property
     def expected_cost(self) -> str:
-        """Approximate computing time of a realization, as text."""
+        """Approximate computing time of a realisation, as text."""
         return self.estimate_cost(self.duration)
 
     @property

@@ -1,8 +1,8 @@
 """Simulation of gouge experiments in parallel processes, sample files, and legs written for a queue.
 
-Finished realizations are saved and not run again.
+Finished realisations are saved and not run again.
 
-A sample file contains the series of one realization, in a form compact enough to be kept and exchanged, and its
+A sample file contains the series of one realisation, in a form compact enough to be kept and exchanged, and its
 scenario. It can be evaluated together with files of the same scenario and other seeds. It contains no states; the state
 at the end of the trunk, from which further tests can start, is written to a separate file. All columns except times and
 load-point displacements are rounded to single precision.
@@ -130,7 +130,7 @@ def read_samples(folder: Path, scenarios: dict[str, GougeScenario]) -> dict[str,
 
     Parameters
     ----------
-    scenarios : scenarios by name; their seeds and numbers of realizations are irrelevant
+    scenarios : scenarios by name; their seeds and numbers of realisations are irrelevant
 
     Raises
     ------
@@ -187,7 +187,7 @@ def read_sample(path: Path, *scenarios: GougeScenario) -> Sample:
 
 
 def _differences(one: GougeScenario, other: GougeScenario) -> list[str]:
-    """Name each key in which two scenarios differ, with both values, except seeds and numbers of realizations."""
+    """Name each key in which two scenarios differ, with both values, except seeds and numbers of realisations."""
     a, b = ({key: value for key, value, *_ in given_keys(scenario) if key not in _FREE} for scenario in (one, other))
     return [
         f"{key} = {shortened(str(a.get(key, 'default')))} instead of {shortened(str(b.get(key, 'default')))}"
@@ -283,12 +283,12 @@ MEMBERS = "realizations"  # folder next to the results
 
 @result_of(EXPERIMENT)
 class GougeResult(NamedTuple):
-    """All realizations of a scenario."""
+    """All realisations of a scenario."""
 
     scenario: GougeScenario
     realizations: tuple[Realization, ...]
-    failures: tuple[str, ...]  # one sentence per failed realization
-    reused: int  # number of realizations finished earlier
+    failures: tuple[str, ...]  # one sentence per failed realisation
+    reused: int  # number of realisations finished earlier
 
 
 @checked
@@ -296,15 +296,15 @@ def simulate_gouge(
     scenario: GougeScenario, *, folder: Path | None = None, workers: Workers = None, device: str | None = None,
     samples: Path | None = None, report: Report = silent,
 ) -> GougeResult:  # fmt: skip
-    """Run all realizations of a scenario.
+    """Run all realisations of a scenario.
 
     Parameters
     ----------
-    folder : run folder, in which finished realizations and pieces of unfinished ones are saved; saved parts are not run
+    folder : run folder, in which finished realisations and pieces of unfinished ones are saved; saved parts are not run
         again
     workers : number of processes, or the address of a Dask scheduler; default: number of cores over number of MPI ranks
         per process
-    device : "cuda" to run all realizations, and then all branches, side by side on a graphics processor
+    device : "cuda" to run all realisations, and then all branches, side by side on a graphics processor
     samples : folder to which each sample is written when it has finished; samples already in it are not run
     report : called as report(stage, share done, text)
 
@@ -315,9 +315,9 @@ def simulate_gouge(
     MissingExtraError
         If CuPy is missing.
     RuntimeError
-        If there is no such device, if the engine is not installed, or if every realization failed.
+        If there is no such device, if the engine is not installed, or if every realisation failed.
     ArchiveError
-        If a file of a finished realization is damaged, or was written by another version.
+        If a file of a finished realisation is damaged, or was written by another version.
     """
     if samples:
         check_folder(samples)
@@ -343,18 +343,18 @@ def simulate_gouge(
         ensemble = _Ensemble(scenario, rest, kept, folder, samples, workers, where, report)
         for k, member in zip(missing, ensemble.run(), strict=True):
             realizations[k], failures[seeds[k]] = (None, member) if isinstance(member, str) else (member, "")
-    sentences = tuple(f"realization {seed} failed: {failure}" for seed, failure in failures.items() if failure)
+    sentences = tuple(f"realisation {seed} failed: {failure}" for seed, failure in failures.items() if failure)
     done = tuple(member for member in realizations if member is not None)
     if not done:
-        raise RuntimeError(f"every realization failed, the first with {sentences[0]}")
+        raise RuntimeError(f"every realisation failed, the first with {sentences[0]}")
     return GougeResult(scenario, done, sentences, len(alone) - len(missing))
 
 
 class _Ensemble(NamedTuple):
-    """Runs unfinished realizations: all trunks in parallel, then all branches of the trunks."""
+    """Runs unfinished realisations: all trunks in parallel, then all branches of the trunks."""
 
     scenario: GougeScenario
-    alone: list[GougeScenario]  # scenario of each realization alone
+    alone: list[GougeScenario]  # scenario of each realisation alone
     kept: Checkpoint | None
     folder: Path | None
     samples: Path | None
@@ -368,11 +368,11 @@ class _Ensemble(NamedTuple):
         return self.scenario.trunk_duration / self.scenario.duration
 
     def run(self) -> list[Realization | str]:
-        """Return each realization, or one sentence with the reason for its failure."""
+        """Return each realisation, or one sentence with the reason for its failure."""
         before = self.scenario.realizations - len(self.alone)
         more = f"; {before} had finished earlier" if before else ""
         cost = f"each takes {self.scenario.expected_cost}{more}"
-        self.report(f"realizations ({len(self.alone)} to run)", 0.0, cost)
+        self.report(f"realisations ({len(self.alone)} to run)", 0.0, cost)
         trunks = self._run_trunks()
         owners = [k for k, trunk in enumerate(trunks.results) if trunk for _ in trunk.branches]
         starts = [start for trunk in trunks.results if trunk for start in trunk.branches]
@@ -388,7 +388,7 @@ class _Ensemble(NamedTuple):
         return out
 
     def _run_trunks(self) -> Realizations:
-        """Run the trunk of every realization."""
+        """Run the trunk of every realisation."""
         nouns = (Trunk, Branch, Test, Series, Gouge)
         places = [self.kept and self.kept.of(member.digest, *nouns) for member in self.alone]
         tasks = [
@@ -408,7 +408,7 @@ class _Ensemble(NamedTuple):
         return self._run(_branch_task, tasks, self.first, 1.0)
 
     def _run(self, function: Callable, tasks: list[Task], begin: float, end: float) -> Realizations:
-        stage, report = f"realizations ({len(self.alone)} to run)", within(self.report, begin, end)
+        stage, report = f"realisations ({len(self.alone)} to run)", within(self.report, begin, end)
         return run_realizations(function, tasks, stage=stage, workers=self.workers, device=self.device, report=report)
 
     def _save(self, member: GougeScenario, result: Realization) -> None:
@@ -445,12 +445,12 @@ def _branch_task(
 
 
 def _realization_path(member: GougeScenario, folder: Path | None) -> Path | None:
-    """Path of a saved realization, named after the digest of its scenario and thus unique to that scenario."""
+    """Path of a saved realisation, named after the digest of its scenario and thus unique to that scenario."""
     return folder / MEMBERS / f"{member.digest}.h5" if folder else None
 
 
 def _find_realization(member: GougeScenario, folder: Path | None, samples: Path | None) -> Realization | None:
-    """Return a realization that finished earlier, from the samples or the run folder; None if there is none."""
+    """Return a realisation that finished earlier, from the samples or the run folder; None if there is none."""
     if samples and (path := sample_path(samples, member)).exists():
         return read_sample(path, member).realization
     path, found = _realization_path(member, folder), None

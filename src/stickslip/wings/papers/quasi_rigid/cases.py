@@ -129,12 +129,12 @@ class Growth(NamedTuple):
 
 
 def disk_between_floors(mu: float = FRICTION) -> tuple[State, Law]:
-    """Disk between two parallel floors with both contacts at the Coulomb limit, in balance."""
+    """Balanced disk between two parallel floors, with both contacts at the Coulomb limit."""
     return _disk_at_limit(np.array([[0.0, 1.0], [0.0, -1.0]]), np.array([1.0, -1.0]), np.ones(2, bool), mu)
 
 
 def disk_in_groove(mu: float = FRICTION, steep: float = STEEP, make: Callable = linear) -> tuple[State, Law]:
-    """Disk in a groove, in balance; one contact is at the Coulomb limit, and det k(S) < 0 for the default angle."""
+    """Balanced disk in a groove; one contact is at the Coulomb limit, and det k(S) < 0 for the default angle."""
     x, y = np.cos(np.radians(steep)), np.sin(np.radians(steep))
     normals = np.array([[x, y], [-x, y]])
     return _disk_at_limit(normals, np.array([0.0, 1.0]), np.array([False, True]), mu, make)
@@ -161,7 +161,7 @@ def _disk_at_limit(
 
 
 def follow_motion(state: State, law: Law, push: np.ndarray, time: float) -> Growth:
-    """Change the load on a disk in balance and follow its motion without any damping.
+    """Change the load on a balanced disk and follow its motion without any damping.
 
     Parameters
     ----------

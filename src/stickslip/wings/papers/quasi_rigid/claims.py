@@ -224,7 +224,7 @@ def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
 def _linear_law() -> Claim:
     errors = table_one(*disk_in_groove(make=hertz_mindlin), size=MOTION)
     return statement(
-        "linear-law-is-no-restriction", 'Sec. V A: "one could always linearize the force law"',
+        "linear-law-is-no-restriction", 'Sec. V A: "one could always linearise the force law"',
         max(errors.values()) < LINEARISED,
         f"Table I with Hertz–Mindlin linearised at a point, at the limit: relative errors up to "
         f"{max(errors.values()):.0e}. K then has the entry −φ' below its diagonal, and a sticking contact contributes "

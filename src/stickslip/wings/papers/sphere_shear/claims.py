@@ -62,18 +62,18 @@ def _finite(values) -> list[float]:
 
 def known_median(values) -> float | None:
     """Median of the known values; None without any."""
-    known = _finite(values)
-    return float(np.median(known)) if known else None
+    finite = _finite(values)
+    return float(np.median(finite)) if finite else None
 
 
 def describe_range(values, form: str = "{:.3g}") -> str:
     """Describe the range of values over packings, and their number."""
-    known = _finite(values)
-    if not known:
+    finite = _finite(values)
+    if not finite:
         return f"none of {len(values)} packings"
-    if len(known) == 1:
-        return f"{form.format(known[0])} in one of {len(values)} packings"
-    return f"{form.format(min(known))} to {form.format(max(known))} over {len(known)} of {len(values)} packings"
+    if len(finite) == 1:
+        return f"{form.format(finite[0])} in one of {len(values)} packings"
+    return f"{form.format(min(finite))} to {form.format(max(finite))} over {len(finite)} of {len(values)} packings"
 
 
 def median_claim(id: str, source: str, paper, values, unit: str, tolerance: str, note: str, **more) -> Claim:
@@ -89,7 +89,7 @@ def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Second and third over first singular value of each grain's displacements in a turn, (L, H) each.
 
     The second ratio is 0 for motion on a line, the third for motion in a plane. The motion of a single pair is Re(c
-    e^{iωt}) with a complex vector c for each grain, so that a grain moves in the plane of Re c and Im c through its
+    e^{iωt}) with a complex vector c for each grain, so a grain moves in the plane of Re c and Im c through its
     position at rest.
 
     Parameters
@@ -234,7 +234,7 @@ def _mostly(count: int, total: int) -> bool | None:
 
 MANY = 10  # number of pairs that counts as many: ten times that at the onset
 PLANE = 0.01  # third over first singular value below which a trajectory is plane: thinner than a line in a plot
-CENTRED = 0.1  # mean over amplitude below which stress oscillates around zero: not visible in a plot
+CENTRED = 0.1  # ratio of mean to amplitude below which stress oscillates around zero: invisible in a plot
 SYMMETRIC = 1e-12  # relative difference of equal blocks: round-off, with a margin for sums over contacts
 
 

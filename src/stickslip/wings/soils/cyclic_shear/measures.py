@@ -2,7 +2,7 @@
 
 γ_a and τ_a = G γ_a are the amplitudes between the turns of a loop. The damping ratio is D = ΔW/(4π W), with the area ΔW
 of the loop and W = ½ τ_a γ_a. ΔW is the work of the shear stress, including work within steps in which grains
-rearrange. G′ and G″ are the first Fourier coefficients of τ over γ₀, for γ = γ₀ sin θ, so that ΔW = π γ₀² G″ except for
+rearrange. G′ and G″ are the first Fourier coefficients of τ over γ₀, for γ = γ₀ sin θ, so ΔW = π γ₀² G″ except for
 the trapezoidal rule between equilibria.
 
 For sands G/Gmax = 1/(1 + (γ/γ_r)^a), and the damping is b (G/Gmax)^0.1 times that of Masing's rule. The small-strain
@@ -159,7 +159,7 @@ STRESS, WORK = "force/length^(dim-1)", "energy/length^dim"
 PARTS = {
     "sliding": "sliding contacts", "rolling": "rolling friction", "dashpots": "dashpots", "drag": "drag",
     "nonpotential": "changes of the tangential springs", "stored": "energy stored in contacts",
-    "normal": "work of σ_yy, negative", "residual": "rest that the ledger does not explain",
+    "normal": "work of σ_yy, negative", "residual": "remainder that the ledger does not explain",
 }  # fmt: skip
 
 
@@ -169,7 +169,7 @@ def _share(name: str, meaning: str) -> Quantity:
 
 CYCLE = Quantities([
     Quantity("sample", "1", "seed of the sample", "run.seed"),
-    Quantity("kind", "1", "kind of cycles that the amplitude ends in", lambda loop: kind_of(loop.response)),
+    Quantity("kind", "1", "kind of the last cycles at the amplitude", lambda loop: kind_of(loop.response)),
     Quantity("amplitude", "1", "amplitude γ₀", "response.amplitude", r"amplitude of the shear strain $\gamma_0$"),
     Quantity("cycle", "1", "number of the cycle", lambda loop: loop.k + 1),
     Quantity("G", STRESS, "secant modulus between the turns", lambda loop: loop.turns[0]),
@@ -237,7 +237,7 @@ def kind_of(response: Response) -> str:
     """Kind of the final cycles at an amplitude.
 
     elastic: grains return after a cycle, and the damping ratio is below `ELASTIC`; reversible: grains return, but the
-    loop has an area, so that sliding is reversed; periodic: grains return after several cycles; irreversible: grains
+    loop has an area, so sliding is reversed; periodic: grains return after several cycles; irreversible: grains
     do not return. Grains return if their rms displacement is below `RETURNED` times γ₀ times the mean diameter.
     """
     if len(response.gamma) < 2:
@@ -326,14 +326,14 @@ def _kinds(result: CyclicShearResult) -> list[str]:
 
 def _missing(result: CyclicShearResult) -> list[str]:
     out = [f"Sample {run.seed}: {run.ended}." for run in result.runs if run.ended]
-    known = [run for run in result.runs if np.isfinite(run.modulus)]
-    if len(known) < len(result.runs):
+    measured = [run for run in result.runs if np.isfinite(run.modulus)]
+    if len(measured) < len(result.runs):
         out.append("Samples without elastic moduli use G at the smallest amplitude as Gmax.")
-    off = max((abs(Loop(run.responses[0], -1).turns[0] / run.modulus - 1) for run in known), default=0.0)
+    off = max((abs(Loop(run.responses[0], -1).turns[0] / run.modulus - 1) for run in measured), default=0.0)
     if off > OFF:
         out.append(
             f"G at the smallest amplitude differs by {off:.1%} from the tangent modulus: contacts slide or open "
-            f"there, as in samples that hardly bear their pressure; use smaller amplitudes, or less sample.friction."
+            f"there, as in samples that barely support their pressure; use smaller amplitudes, or less sample.friction."
         )
     return out
 
@@ -352,4 +352,5 @@ def _finer(result: CyclicShearResult) -> list[str]:
     one, two = (last_cycles(run) for run in (result.runs[0], result.checked))
     count = min(len(one["G"]), len(two["G"]))
     g, d = (np.abs(two[name][:count] - one[name][:count]) for name in ("G_ratio", "damping"))
-    return [f"Twice as many steps change G/Gmax of the first sample by at most {g.max():.2g}, and D by {d.max():.2g}."]
+    change = f"G/Gmax of the first sample by at most {g.max():.2g}, and D by {d.max():.2g}"
+    return [f"Doubling the number of steps changes {change}."]

@@ -236,8 +236,8 @@ class SlidingWork:
     @property
     def busiest(self) -> float:
         """Share of the tenth of the contacts that dissipates most; NaN without sliding."""
-        _, place = np.unique(np.concatenate(self.keys), return_inverse=True)
-        by_contact = np.sort(np.bincount(place, np.concatenate(self.values)))[::-1]
+        _, index = np.unique(np.concatenate(self.keys), return_inverse=True)
+        by_contact = np.sort(np.bincount(index, np.concatenate(self.values)))[::-1]
         total = by_contact.sum()
         return float(by_contact[: -(-len(by_contact) // 10)].sum() / total) if total > 0 else np.nan
 

@@ -97,8 +97,8 @@ def describe_break(before: State, after: State, row: int = 0) -> Breaks:
     """Return the single bond that is intact in the equilibrium `before` and broken in `after`."""
     bonds, vectors = before.bonds, before.cell.vectors
     k = np.flatnonzero(bonds.intact & ~after.bonds.intact)
-    i, j, place = bonds.i[k], bonds.j[k], before.grains.position
-    middle = 0.5 * (place[i] + place[j] + bonds.image[k] @ vectors)
+    i, j, position = bonds.i[k], bonds.j[k], before.grains.position
+    middle = 0.5 * (position[i] + position[j] + bonds.image[k] @ vectors)
     tension = np.isin(after.bonds.failed[k], [FAILURES.index(load) for load in ("tension", "bending")])
     middle = np.mod(middle, np.where(before.cell.periodic, np.diag(vectors), np.inf))
     return Breaks(np.full(1, row), i, j, tension, bond_limits(before).energy[k], middle)

@@ -33,7 +33,7 @@ CLOSE = 0.1  # largest relative deviation between quantities that follow from ea
 def read_test(path: str | Path) -> dict[str, np.ndarray]:
     """Read a laboratory soil test from a table, as columns of `series.csv` in pascals, compression positive.
 
-    Columns are recognized by usual names, such as `Axial strain (%)`, `σ1 − σ3 [kPa]`, `εv`, `u`, `e` or `p'`. Units
+    Columns are recognised by usual names, such as `Axial strain (%)`, `σ1 − σ3 [kPa]`, `εv`, `u`, `e` or `p'`. Units
     are in brackets, after the name or in a row below, and numbers may have decimal commas, as in
     `friction.read_record`. Strains are assumed to be nominal (change over initial size) unless they are named
     logarithmic, and are converted to logarithmic strains. A warning lists unknown columns and assumptions.
@@ -185,7 +185,7 @@ def _check_stresses(path: Path, out: dict[str, np.ndarray]) -> None:
             times = "1.5" if out["q"][k] < 0 else "three"
             raise ValueError(
                 f"{path}: q is {_kpa(out['q'][k])} where p' is {_kpa(out['p'][k])}, more than {times} times as large, "
-                f"which grains without cohesion cannot bear: correct the unit that is wrong"
+                f"which grains without cohesion cannot support: correct the wrong unit"
             )
     if "axial_strain" in out and not np.ptp(out["axial_strain"]) > 0 and np.ptp(out.get("q", 0.0)) > 0:
         raise ValueError(f"{path}: the axial strain is constant in all rows while q changes: give the measured strain")

@@ -244,7 +244,7 @@ class LoadedSample:
     def elastic_b(self) -> float:
         """B of the sample before the test, from its elastic bulk modulus; 1 with an incompressible fluid.
 
-        Grains are incompressible, so that the volume lost by the sample, Δσ′/K, is lost by the pores and equals that
+        Grains are incompressible, so the volume lost by the sample, Δσ′/K, is lost by the pores and equals that
         lost by the fluid in them, n Δu/K_f. With Δσ = Δσ′ + Δu, B = 1/(1 + n K/K_f).
         """
         e, fluid = float(self.series.void_ratio[0]), self.scenario.path.fluid_modulus
@@ -605,9 +605,9 @@ def _sign(name: str) -> Quantity:
 PROBE = Quantities([
     Quantity("strain", "1", "imposed strain"),
     Quantity("phi", "degrees", "mobilised angle of friction"),
-    Quantity("least_work", "1", "least normalised second-order work"),
+    Quantity("least_work", "1", "smallest normalised second-order work"),
     Quantity("direction", "degrees", "direction of that strain", lambda p: float(np.degrees(p.state.weakest))),
-    Quantity("determinant", "1", "least determinant of an acoustic tensor, normalised",
+    Quantity("determinant", "1", "smallest determinant of an acoustic tensor, normalised",
              lambda p: p.state.band.determinant if p.state.band else NAN),
     *(_growth(kind, words, k, held) for kind, words in (("pair", "oscillation"), ("divergence", "other motion"))
       for k, held in enumerate(("strain", "stress"))),

@@ -175,7 +175,7 @@ def _first_failure(result: ElementTestResult) -> list[str]:
 def _scatter(result: ElementTestResult) -> list[str]:
     n, peak = result.scenario.sample.grains, MEASURES.known(result).get("phi_peak")
     if len(result.runs) < 2:
-        return ["One sample gives no interval: use more realizations."]
+        return ["One sample gives no interval: use more realisations."]
     if peak is None or not peak.scatter > 0:
         return []
     share = peak.scatter / peak.mean
@@ -205,7 +205,7 @@ def _missing(result: ElementTestResult) -> list[str]:
     if samples[0].sheared and number < len(samples):
         volume, ratio, p = np.max([sample.drifts for sample in samples], axis=0)
         out.append(
-            f"{number} of {len(samples)} samples reached a critical state, so that the residual angle is undecided: "
+            f"{number} of {len(samples)} samples reached a critical state, so the residual angle is undecided: "
             f"over the last third of the path the volumetric strain changes by up to {volume:.2g} of the imposed one, "
             f"q/p by {ratio:.1%} and p by {p:.1%}, and each must be below {STEADY:.0%}; use a larger strain or more "
             f"grains."

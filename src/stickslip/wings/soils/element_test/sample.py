@@ -88,7 +88,7 @@ def controlled(state: State, drive: Drive, wanted: np.ndarray, mass: float = 0.0
 def strain_of(cell: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Strains (ε_xx, ε_yy, ε_zz, γ) of a cell, from its present and initial vectors.
 
-    Normal strains are logarithmic, compression positive, so that their sum is the volumetric strain. γ is the change of
+    Normal strains are logarithmic, compression positive, so their sum is the volumetric strain. γ is the change of
     the tangent of the angle by which the second vector is inclined along x.
     """
     lean = cell[1, 0] / cell[1, 1] - start[1, 0] / start[1, 1]

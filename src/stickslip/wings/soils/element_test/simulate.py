@@ -464,7 +464,7 @@ def _strained(state: State, drive: Drive, step: float) -> State:
 def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -> tuple[State, np.ndarray, bool]:
     """Equilibrium under the prescribed stresses, these stresses, and True if dynamics was needed.
 
-    Cemented samples begin each step without a stored factorisation, so that a resumed run is bitwise identical.
+    Cemented samples begin each step without a stored factorisation, so a resumed run is bitwise identical.
     """
     path, p, dim = rig.scenario.path, rig.scenario.stress_scale, rig.dim
     keep = Factorisation() if rig.scenario.cement else rig.keep

@@ -59,7 +59,7 @@ CURVE = Quantities([
     Quantity("loss ahead", "1", "strain to the loss of a contact that causes instability", "loss_ahead"),
     Quantity("verdict", "1", "on the motion without drag"),
     Quantity("bonds", "1", "intact bonds"),
-    Quantity("bond share", "1", "largest share of its strength that a bond bears", "bond_share"),
+    Quantity("bond share", "1", "largest share of its strength that a bond carries", "bond_share"),
 ])  # fmt: skip
 LIVES = Quantities([
     Quantity("born below", "1", "strain at which the pair does not yet exist", "born_below"),

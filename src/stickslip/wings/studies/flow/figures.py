@@ -76,9 +76,9 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
     top = max(float(np.quantile(s, 0.99)) for s in speeds) or 1.0
     drawn = None
     every = [axes for row in panels for axes in row]
-    for axes, state, place, corners in zip(every, shown, places, boxes, strict=True):
-        away = int(outside(place[:, :2], *corners).sum())
-        drawn = draw_grains_by_speed(axes, state, place, loose, top)
+    for axes, state, position, corners in zip(every, shown, places, boxes, strict=True):
+        away = int(outside(position[:, :2], *corners).sum())
+        drawn = draw_grains_by_speed(axes, state, position, loose, top)
         # lines where walls intersect the plane of the drawing; walls parallel to it are omitted
         for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
             if np.hypot(normal[0], normal[1]) > 1e-9:
@@ -163,8 +163,8 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
     panels[0].set_ylim(max(least, 1e-9 * top) / 2, 4 * top)
     label_axes(panels[0], y=("energy\n", "energy"))
     panels[0].legend(loc="best", ncol=2)
-    known = np.isfinite(series.unbalanced) & (series.unbalanced > 0)
-    plot_fast(panels[1], time[known], series.unbalanced[known], color=BLUE)
+    finite = np.isfinite(series.unbalanced) & (series.unbalanced > 0)
+    plot_fast(panels[1], time[finite], series.unbalanced[finite], color=BLUE)
     label_axes(panels[1], y="unbalanced force\nover contact force")
     _plot_contacts(panels[2], series)
     if sheared:
@@ -186,8 +186,8 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
 
 
 def _plot_contacts(axes, series) -> None:
-    known = series.coordination > 0  # undefined while all grains are rattlers
-    plot_fast(axes, series.time[known], series.coordination[known], color=BLUE)
+    defined = series.coordination > 0  # undefined while all grains are rattlers
+    plot_fast(axes, series.time[defined], series.coordination[defined], color=BLUE)
     label_axes(axes, y="coordination $z$")
     axes.yaxis.label.set_color(BLUE)
     axes.set_ylim(bottom=0)

@@ -111,10 +111,10 @@ def flow_law(scenario: FlowScenario, radius, mass) -> Law:
 def _check_walls(position, walls, names: tuple[str, ...], dim: int) -> None:
     grains, behind = np.nonzero(heights(position, walls) < 0)
     if len(grains):
-        place = ", ".join(f"{x:.4g}" for x in position[grains[0], :dim])
+        location = ", ".join(f"{x:.4g}" for x in position[grains[0], :dim])
         raise ScenarioError(
-            f"grain {grains[0] + 1} at ({place}) lies behind wall {names[behind[0]]!r}: move the wall or the grains, "
-            f"or turn the wall's normal towards the grains"
+            f"grain {grains[0] + 1} at ({location}) is behind wall {names[behind[0]]!r}: move the wall or the grains, "
+            "or turn the wall's normal towards the grains"
         )
 
 
@@ -259,7 +259,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
 
 
 def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: float) -> float:
-    """Return the overlap [length] at which a contact bears the largest force and stores the collision energy."""
+    """Return the overlap [length] at which a contact carries the largest force and stores the collision energy."""
     gravities = [g for g in (scenario.gravity, *(s.gravity for s in scenario.stages)) if g is not None]
     g = max((float(np.linalg.norm(v)) for v in gravities), default=0.0)
     height = float(np.linalg.norm(np.subtract(scenario.grains.high, scenario.grains.low)))

@@ -113,6 +113,6 @@ MEASURES = Measures([
              lambda r: r.found.arrest_range[0]),
     Quantity("arrest_high", "1", "upper end of these loads", lambda r: r.found.arrest_range[1]),
     Quantity("strength", "1", "load at which the sample slides without a kick"),
-    Quantity("first_pair", "1", "least load with a complex pair", "found.first_pair"),
-    Quantity("first_limit", "1", "least load with a contact at the Coulomb limit", "found.first_limit"),
+    Quantity("first_pair", "1", "smallest load with a complex pair", "found.first_pair"),
+    Quantity("first_limit", "1", "smallest load with a contact at the Coulomb limit", "found.first_limit"),
 ])  # fmt: skip

@@ -180,6 +180,6 @@ class ThresholdScenario(ScenarioBase):
         load, kicks = self.load, self.kicks
         runs = len(load.loads) * len(kicks.velocities) * kicks.realizations
         yield Size("load takes", load.loads[-1] / load.step, "load steps", "use a larger load.step")
-        yield Size("load.loads, kicks.velocities and kicks.realizations make", runs, "runs", "use fewer realizations")
+        yield Size("load.loads, kicks.velocities and kicks.realizations make", runs, "runs", "use fewer realisations")
         if kicks.dt is not None:
             yield Size("kicks.duration takes", kicks.duration / kicks.dt, "time steps", "use a longer kicks.dt")

@@ -41,14 +41,15 @@ class ThresholdResult(NamedTuple):
     scenario: ThresholdScenario
     law: Law
     path: list[Equilibrium]  # equilibria on the rising load, up to the static strength
-    strength: float  # load at which the sample slid by itself; NaN if it held the largest load
+    strength: float  # load at which the sample slid spontaneously; NaN if it held the largest load
     found: KineticThreshold
 
     @property
     def sentences(self) -> list[str]:
         """Sentences on the static and kinetic friction."""
         held = f"held a load of {self.path[-1].load:.4g}"
-        static = f"slid by itself at {self.strength:.4g}" if np.isfinite(self.strength) else "did not slide by itself"
+        static = f"slid spontaneously at {self.strength:.4g}" if np.isfinite(self.strength) else "did not slide "
+        "spontaneously"
         return [f"the sample {held} and {static}", *self.found.sentences]
 
 
@@ -181,7 +182,7 @@ def simulate_threshold(
         if kept:
             abandon(kept)
         raise ScenarioError(
-            f"the sample slides by itself at a load of {strength:.4g}, below all of load.loads: add smaller loads"
+            f"the sample slides spontaneously at a load of {strength:.4g}, below all of load.loads: add smaller loads"
         )
     dt = _time_step(how, path[0].state, protocol.law)
     threshold = kinetic_threshold(
