@@ -328,3 +328,13 @@ def test_a_pulse_of_a_pinned_grain_also_drives_others_by_its_velocity(packing):
     true = motion.all_coordinates(end, 0.0 * prescribed)
     assert np.linalg.norm(drag @ end) > 0
     np.testing.assert_allclose(ways[-1], true, atol=2e-3 * np.abs(ways).max())
+
+
+def test_no_drive_is_answered_more_than_the_worst_one(packing):
+    drives = push(packing, (3, 0), (7, 1), (11, 5))
+    answer = ss.modes.frequency_response(packing, LAW, drives, [0.1, 0.3, 0.7], drag=0.1)
+    worst, gain = answer.worst_drive, answer.gain.max()
+    assert answer.worst_frequency == answer.frequency[np.argmax(answer.gain)]
+    assert np.linalg.norm(worst) == pytest.approx(1.0) and np.linalg.norm(answer.worst_answer) == pytest.approx(gain)
+    for drive in np.random.default_rng(0).normal(size=(20, 3, 2)) @ [1, 1j]:
+        assert np.linalg.norm(answer.matrix @ drive, axis=1).max() <= gain * np.linalg.norm(drive) * (1 + 1e-12)

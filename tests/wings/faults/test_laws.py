@@ -12,6 +12,7 @@ from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, ve
 from stickslip.wings.faults.friction.model import Data
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, prescribed, slider_of, spring_slider
 from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
+from tests.wings.faults.closed_forms import stiff_step
 
 USUAL = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)
 FORMS = {
@@ -82,7 +83,7 @@ def test_a_step_of_an_infinitely_stiff_slider(rs, law):
     rs, slip = rs._replace(law=law), 1e-5 * np.r_[0.01, 0.3, 1.0, 3.0, 6.0]
     legs = (LoadStep(1.0, 1e-6), LoadStep(7.0, 1e-5))
     h = spring_slider(rs, Spring(STIFF / rs.dc), legs, times=1.0 + slip / 1e-5)
-    expected = closed.stiff_step(rs, 1e-6, 1e-5, slip)
+    expected = stiff_step(rs, 1e-6, 1e-5, slip)
     assert np.allclose(h.friction, expected, rtol=1e-8, atol=0)
     known = prescribed(rs, np.r_[0.0, slip / 1e-5], np.full(5, 1e-5), theta=rs.dc / 1e-6)
     assert np.allclose(known.friction, expected, rtol=1e-12, atol=0)

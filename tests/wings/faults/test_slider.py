@@ -12,6 +12,7 @@ from stickslip.wings.faults.friction.laws import rates
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
 from stickslip.wings.faults.friction.ratestate import End, RateState, Spring, prescribed, slider_of, spring_slider
 from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
+from tests.wings.faults.closed_forms import stiff_step
 
 PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # Ferdowsi & Rubin 2021
 WEAK = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)
@@ -58,11 +59,9 @@ def test_a_step_of_an_infinitely_stiff_slider(law, new):
     slip = rs.dc * np.r_[0.01, 0.3, 1.0, 3.0, 6.0]
     legs = (LoadStep(1.0, 0.02), LoadStep(7 * rs.dc / new, new))
     h = spring_slider(rs, Spring(STIFF / rs.dc), legs, times=1.0 + slip / new)
-    expected = closed.stiff_step(rs, 0.02, new, slip)
+    expected = stiff_step(rs, 0.02, new, slip)
     jump = rs.a * np.log(new / 0.02)
-    assert closed.stiff_step(rs, 0.02, new, 0.0) == pytest.approx(
-        float(closed.steady_friction(rs, 0.02) + jump), rel=1e-14
-    )
+    assert stiff_step(rs, 0.02, new, 0.0) == pytest.approx(float(closed.steady_friction(rs, 0.02) + jump), rel=1e-14)
     assert np.allclose(h.friction, expected, rtol=CLOSE * 1e-2, atol=0)
     known = prescribed(rs, np.r_[0.0, slip / new], np.full(5, new), theta=rs.dc / 0.02)
     assert np.allclose(known.friction, expected, rtol=1e-13, atol=0)
