@@ -210,7 +210,7 @@ def test_a_killed_command_continues_without_its_input(few_spheres, tmp_path, mon
     source.unlink()
     done = stickslip_here("resume", tmp_path / "run")
     assert done.returncode == 0, done.stderr
-    assert "the path ended as asked" in done.stdout
+    assert "the path ended as requested" in done.stdout
 
 
 @pytest.fixture

@@ -700,7 +700,11 @@ def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
         (["axial strain", "q [kPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"'axial strain' reaches 10 times .* per cent"),
         (["axial strain [%]", "q [furlong]", "p' [kPa]"], (100, 1e-3, 1e-3), r"'furlong': use Pa, kPa, MPa, GPa"),
         (["axial strain [%]", "q", "p' [kPa]"], (100, 1e-3, 1e-3), r"has no unit: write it as 'q \[Pa\]'"),
-        (["axial strain [%]", "q [MPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"more than three times .* correct the unit"),
+        (
+            ["axial strain [%]", "q [MPa]", "p' [kPa]"],
+            (100, 1e-3, 1e-3),
+            r"more than three times .* correct the wrong unit",
+        ),
         (["axial strain [%]", "q [kPa]", "p' [kPa]"], (-100, -2e-3, 1e-3), r"q is -500 kPa .* more than 1\.5 times"),
         (["axial strain [%]", "q [kPa]", "p' [kPa]"], (0, 1e-3, 1e-3), r"axial strain is constant in all rows"),
         (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no column of a test of soil"),
