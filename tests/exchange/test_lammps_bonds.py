@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.lammps_bonds import format_bonds, replay
 from stickslip.data.sample import Assumption, Obstacle
 from tests.exchange.test_lammps_runs import answer
@@ -40,9 +41,27 @@ def test_loads_are_those_of_lammps(run, count, forms, cases):
         assert 0.5 < ss.measure.bond_shares(state).max() < 1 and np.abs(theirs).max() > 0.01 * size
 
 
-def copied(cases, folder, edits=(), leave=()):
-    """Folder of the run `glued` with edited files."""
-    for path in (cases / "glued").iterdir():
+def test_the_order_of_the_styles_of_a_hybrid_does_not_matter(cases, monkeypatch):
+    """LAMMPS stores the rest lengths of springs for beams, too, before or after the memory of the beams."""
+    read = lammps_restart._read_bonds
+    monkeypatch.setattr(lammps_restart, "_read_bonds", lambda *a: read(*a[:-1], dict(reversed(a[-1].items()))))
+    state, law, _ = ss.io.read_packing(cases / "cemented")
+    there = columns(cases / "cemented" / "dump.grains", "fx", "fy", "fz")
+    off = np.abs(ss.forces(state, law)[0].force[: len(there)] - there).max()
+    assert off < 1e-9 * np.abs(ss.measure.contact_forces(state, law)).max()
+
+
+def test_restart_files_do_not_state_which_bonds_are_turned_off(cases, tmp_path):
+    """LAMMPS writes their types without the sign, and turns them on again when it reads the file."""
+    edits = [("log.lammps", "dump grains", "delete_bonds all bond 1\ndump grains")]
+    (said,) = doubts(ss.io.read_packing(copied(cases, tmp_path, edits, run="cemented")).notes)
+    assert "delete_bonds all bond 1 (log.lammps, line" in said
+    assert "cemented.restart does not state which bonds it turned off" in said
+
+
+def copied(cases, folder, edits=(), leave=(), run="glued"):
+    """Folder of a run with edited files."""
+    for path in (cases / run).iterdir():
         if path.name not in leave:
             (folder / path.name).write_bytes(path.read_bytes())
     for name, old, new in edits:

@@ -254,7 +254,6 @@ def _list_bonds(
         length=length,
         direction=np.where(complete[:, None], j.apply(direction), 0.0),
         turn=np.where(complete[:, None], now, 0.0),
-        signed=True,
     )
 
 
@@ -522,7 +521,8 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
     row = np.repeat(first, count) + number
     kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (row, row + np.repeat(count, count)))
     memory = np.zeros((len(number), 4))
-    for style, (entry, end) in memories.items():
+    # in a hybrid, each style stores its numbers for all bonds: the most complete ones count
+    for style, (entry, end) in sorted(memories.items(), key=lambda item: BOND_MEMORY[item[0]]):
         width = BOND_MEMORY[style]
         at = np.repeat(entry, count) + 1 + width * number
         own = np.zeros((len(number), 4))
