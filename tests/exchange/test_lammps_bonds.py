@@ -6,7 +6,7 @@ import pytest
 import stickslip as ss
 from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.lammps_bonds import format_bonds, replay
-from stickslip.data.sample import Assumption, Obstacle
+from stickslip.data.sample import Absent, Assumption, Obstacle
 from tests.exchange.test_lammps_runs import answer
 
 
@@ -100,7 +100,11 @@ END = "dump grains"
             "the type glue of a bond_coeff is neither a number nor a label in a labelmap",
         ),
         ("bond_coeff * 0.05", "labelmap bond 1 glue\nbond_coeff glue 0.05", ""),
-        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10", "bonds of glued.data were not imported"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10", "bpm/spring has 3 coefficients, got 2: 0.05 10"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * nan 10 0", "coefficients of bpm/spring must be finite and not nega"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10 -1", "be finite and not negative, got 0.05 10 -1"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0 10 0", "its first stiffness, and strengths of bonds that break"),
+        (STYLE, f"{STYLE} normalize", "its option normalize is not supported"),
         (END, f"delete_bonds all bond 1\n{END}", "delete_bonds all bond 1 (log.lammps, line"),
         (END, f"delete_bonds all bond 1 remove\n{END}", ""),
         (END, f"fix c all bond/create 1 1 1 1.0 1\n{END}", "fix c (bond/create) was not imported"),
@@ -122,6 +126,21 @@ def test_laws_have_the_numbers_of_lammps(cases, tmp_path):
     edits = [("log.lammps", STYLE, "bond_style harmonic"), ("log.lammps", "* 0.05 10 0.0", "1 0.05 1.01")]
     bonds = ss.io.read_packing(copied(cases, tmp_path, edits)).state.bonds
     assert set(bonds.stiffness[:, 0]) == {0.1} and set(bonds.length) == {1.01}
+
+
+def test_a_spring_without_length_at_rest_is_named(cases, tmp_path):
+    """A length of zero means one that is not known."""
+    edits = [("log.lammps", STYLE, "bond_style harmonic"), ("log.lammps", "* 0.05 10 0.0", "1 0.05 0.0")]
+    (said,) = doubts(ss.io.read_packing(copied(cases, tmp_path, edits)).notes)
+    assert "springs of length 0 at rest are not supported" in said
+
+
+def test_the_fault_of_a_list_of_bonds_has_its_name(cases, tmp_path):
+    edits = [("glued.data", "67 bonds", "68 bonds")]
+    notes = ss.io.read_packing(copied(cases, tmp_path, edits)).notes
+    assert doubts(notes)
+    (said,) = [note for note in notes if isinstance(note, Absent)]
+    assert said.startswith("bonds were not read: ") and "glued.data" in said and "68" in said
 
 
 def test_bonds_that_no_file_lists_leave_the_verdict_undecided(cases, tmp_path):
