@@ -59,6 +59,12 @@ def test_restart_files_do_not_state_which_bonds_are_turned_off(cases, tmp_path):
     assert "cemented.restart does not state which bonds it turned off" in said
 
 
+def test_weights_of_contacts_are_those_of_the_restart_file(cases, tmp_path):
+    """A run that continues from a restart file does not repeat the command."""
+    edits = [("log.lammps", "\nspecial_bonds", "\n# special_bonds")]
+    assert not doubts(ss.io.read_packing(copied(cases, tmp_path, edits, run="cemented")).notes)
+
+
 def copied(cases, folder, edits=(), leave=(), run="glued"):
     """Folder of a run with edited files."""
     for path in (cases / run).iterdir():

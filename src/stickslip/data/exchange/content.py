@@ -39,6 +39,7 @@ class ListedBonds(NamedTuple):
     length: np.ndarray | None = None  # (K,) at rest, zero where unknown; None: not in any file [length]
     direction: np.ndarray | None = None  # (K, 3) as in `Bonds`; None: grains have no orientations
     turn: np.ndarray | None = None  # (K, 4), likewise
+    weights: tuple[float, ...] = ()  # three of special_bonds, of contacts; empty if they are not in the file
 
 
 class Packing(NamedTuple):

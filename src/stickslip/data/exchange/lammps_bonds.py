@@ -368,9 +368,9 @@ def notes_on_rest(told: Commands, listed: ListedBonds, acting: Sequence[str]) ->
 def note_on_contacts(told: Commands, listed: ListedBonds, n: int, i: np.ndarray, j: np.ndarray) -> Assumption | None:
     """Note on contacts i–j of n grains that `special_bonds` removes or changes; None if it changes none.
 
-    It affects grains that are one to three bonds apart.
+    It affects grains that are one to three bonds apart. Restart files store its weights.
     """
-    weights = [parse_number(word) for word in told.weights]
+    weights = listed.weights or tuple(parse_number(word) for word in told.weights)
     if all(weight == 1 for weight in weights):
         return None
     there = listed.kind != 0
@@ -382,7 +382,7 @@ def note_on_contacts(told: Commands, listed: ListedBonds, n: int, i: np.ndarray,
         pairs = reached.tocoo()
         apart[(apart == 0) & np.isin(i.astype(np.int64) * n + j, pairs.row.astype(np.int64) * n + pairs.col)] = bonds
     changed = (apart > 0) & (i != j) & (np.array([1.0, *weights])[apart] != 1)
-    what = f"special_bonds lj {' '.join(told.weights)}: {BONDED}"
+    what = f"special_bonds lj {' '.join(f'{weight:g}' for weight in weights)}: {BONDED}"
     if changed.any():
         return Obstacle(f"{what}, but {pluralize(int(changed.sum()), 'such contact')} would act fully here")
     return Assumption(f"{what}: none of these grains touch now, but if they did, they would repel each other here")
