@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.lammps_bonds import format_bonds, replay
-from stickslip.data.sample import Assumption, Obstacle
+from stickslip.data.sample import Absent, Assumption, Obstacle
 from tests.exchange.test_lammps_runs import answer
 
 
@@ -40,9 +41,33 @@ def test_loads_are_those_of_lammps(run, count, forms, cases):
         assert 0.5 < ss.measure.bond_shares(state).max() < 1 and np.abs(theirs).max() > 0.01 * size
 
 
-def copied(cases, folder, edits=(), leave=()):
-    """Folder of the run `glued` with edited files."""
-    for path in (cases / "glued").iterdir():
+def test_the_order_of_the_styles_of_a_hybrid_does_not_matter(cases, monkeypatch):
+    """LAMMPS stores the rest lengths of springs for beams, too, before or after the memory of the beams."""
+    read = lammps_restart._read_bonds
+    monkeypatch.setattr(lammps_restart, "_read_bonds", lambda *a: read(*a[:-1], dict(reversed(a[-1].items()))))
+    state, law, _ = ss.io.read_packing(cases / "cemented")
+    there = columns(cases / "cemented" / "dump.grains", "fx", "fy", "fz")
+    off = np.abs(ss.forces(state, law)[0].force[: len(there)] - there).max()
+    assert off < 1e-9 * np.abs(ss.measure.contact_forces(state, law)).max()
+
+
+def test_restart_files_do_not_state_which_bonds_are_turned_off(cases, tmp_path):
+    """LAMMPS writes their types without the sign, and turns them on again when it reads the file."""
+    edits = [("log.lammps", "dump grains", "delete_bonds all bond 1\ndump grains")]
+    (said,) = doubts(ss.io.read_packing(copied(cases, tmp_path, edits, run="cemented")).notes)
+    assert "delete_bonds all bond 1 (log.lammps, line" in said
+    assert "cemented.restart does not state which bonds it turned off" in said
+
+
+def test_weights_of_contacts_are_those_of_the_restart_file(cases, tmp_path):
+    """A run that continues from a restart file does not repeat the command."""
+    edits = [("log.lammps", "\nspecial_bonds", "\n# special_bonds")]
+    assert not doubts(ss.io.read_packing(copied(cases, tmp_path, edits, run="cemented")).notes)
+
+
+def copied(cases, folder, edits=(), leave=(), run="glued"):
+    """Folder of a run with edited files."""
+    for path in (cases / run).iterdir():
         if path.name not in leave:
             (folder / path.name).write_bytes(path.read_bytes())
     for name, old, new in edits:
@@ -81,7 +106,11 @@ END = "dump grains"
             "the type glue of a bond_coeff is neither a number nor a label in a labelmap",
         ),
         ("bond_coeff * 0.05", "labelmap bond 1 glue\nbond_coeff glue 0.05", ""),
-        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10", "bonds of glued.data were not imported"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10", "bpm/spring has 3 coefficients, got 2: 0.05 10"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * nan 10 0", "coefficients of bpm/spring must be finite and not nega"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10 -1", "be finite and not negative, got 0.05 10 -1"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0 10 0", "its first stiffness, and strengths of bonds that break"),
+        (STYLE, f"{STYLE} normalize", "its option normalize is not supported"),
         (END, f"delete_bonds all bond 1\n{END}", "delete_bonds all bond 1 (log.lammps, line"),
         (END, f"delete_bonds all bond 1 remove\n{END}", ""),
         (END, f"fix c all bond/create 1 1 1 1.0 1\n{END}", "fix c (bond/create) was not imported"),
@@ -103,6 +132,21 @@ def test_laws_have_the_numbers_of_lammps(cases, tmp_path):
     edits = [("log.lammps", STYLE, "bond_style harmonic"), ("log.lammps", "* 0.05 10 0.0", "1 0.05 1.01")]
     bonds = ss.io.read_packing(copied(cases, tmp_path, edits)).state.bonds
     assert set(bonds.stiffness[:, 0]) == {0.1} and set(bonds.length) == {1.01}
+
+
+def test_a_spring_without_length_at_rest_is_named(cases, tmp_path):
+    """A length of zero means one that is not known."""
+    edits = [("log.lammps", STYLE, "bond_style harmonic"), ("log.lammps", "* 0.05 10 0.0", "1 0.05 0.0")]
+    (said,) = doubts(ss.io.read_packing(copied(cases, tmp_path, edits)).notes)
+    assert "springs of length 0 at rest are not supported" in said
+
+
+def test_the_fault_of_a_list_of_bonds_has_its_name(cases, tmp_path):
+    edits = [("glued.data", "67 bonds", "68 bonds")]
+    notes = ss.io.read_packing(copied(cases, tmp_path, edits)).notes
+    assert doubts(notes)
+    (said,) = [note for note in notes if isinstance(note, Absent)]
+    assert said.startswith("bonds were not read: ") and "glued.data" in said and "68" in said
 
 
 def test_bonds_that_no_file_lists_leave_the_verdict_undecided(cases, tmp_path):

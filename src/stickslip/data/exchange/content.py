@@ -33,13 +33,13 @@ class ListedBonds(NamedTuple):
 
     i: np.ndarray  # (K,) grain, less than j
     j: np.ndarray  # (K,)
-    kind: np.ndarray  # (K,) type from 1; others are turned off or broken
+    kind: np.ndarray  # (K,) type from 1; others are broken or turned off
     source: str  # name of the file
     labels: dict[str, str]  # types by their labels
     length: np.ndarray | None = None  # (K,) at rest, zero where unknown; None: not in any file [length]
     direction: np.ndarray | None = None  # (K, 3) as in `Bonds`; None: grains have no orientations
     turn: np.ndarray | None = None  # (K, 4), likewise
-    signed: bool = False  # types of those that are turned off are negative
+    weights: tuple[float, ...] = ()  # three of special_bonds, of contacts; empty if they are not in the file
 
 
 class Packing(NamedTuple):

@@ -31,6 +31,7 @@ STORED = ("id1", "id2", "time", "x", "y", "z", "x/ref", "y/ref", "z/ref")  # qua
 WEIGHTS = {"amber": "0 0 0.5", "charmm": "0 0 0", "dreiding": "0 0 1", "fene": "0 1 1"}  # of special_bonds, by name
 MOVING = ("displace_atoms", "change_box", "read_dump", "replicate")  # commands that move grains without a run
 RUNNING = ("run", "minimize", "rerun")
+COEFFICIENTS = {"harmonic": 2, "bpm/spring": 3, "bpm/rotational": 12}  # numbers of a bond_coeff
 REST = 1e-20  # energy of a bond at rest over k_n r₀²
 ENDLESS = 1e200  # strength above which a bond counts as unbreakable
 
@@ -287,8 +288,14 @@ def _law_of(told: Commands, labels: dict[str, str], kind: int) -> tuple[str, Bon
     if not given:
         raise ValueError(f"no bond_coeff gives bonds of type {kind} a law")
     numbers = [parse_number(word) for word in given[-1]]
+    if len(numbers) != COEFFICIENTS[style]:
+        raise ValueError(f"{style} has {COEFFICIENTS[style]} coefficients, got {len(numbers)}: {' '.join(given[-1])}")
+    if not all(0 <= number < np.inf for number in numbers):
+        raise ValueError(f"coefficients of {style} must be finite and not negative, got {' '.join(given[-1])}")
     if style == "harmonic":
         k, length = numbers
+        if not length:
+            raise ValueError("springs of length 0 at rest are not supported")
         return style, spring_bond(2 * k) if k else None, length
     return style, _bpm(style, options, numbers), None
 
@@ -322,7 +329,7 @@ def _bpm(style: str, options: list[str], numbers: list[float]) -> Bond:
             k += 3
             while k < len(options) and options[k] in STORED:
                 k += 1
-        elif options[k] in flags and options[k + 1] in YES:
+        elif options[k] in flags and set(options[k + 1 : k + 2]) & {*YES}:
             flags[options[k]] = YES[options[k + 1]]
             k += 2
         else:
@@ -330,14 +337,17 @@ def _bpm(style: str, options: list[str], numbers: list[float]) -> Bond:
     if flags["volume/factor"]:
         raise ValueError("its option volume/factor yes is not supported")
     how = {"smooth": flags["smooth"], "normalized": flags["normalize"]}
+    limits = numbers[1:2] if style == "bpm/spring" else numbers[4:8]
+    if not min(numbers[:1] + limits * flags["break"]) > 0:
+        raise ValueError("its first stiffness, and strengths of bonds that break, must be positive")
     if style == "bpm/spring":
         stiffness, stretch, damping = numbers
         return spring_bond(stiffness, stretch if flags["break"] else None, damping=damping, **how)
-    tension, shear, twisting, bending, *strength = numbers[:8]
+    tension, shear, twisting, bending = numbers[:4]
+    strength = (limits[0], limits[1], limits[3], limits[2]) if flags["break"] else None
     normal, sliding, rolling, spinning = numbers[8:]
-    limits = (strength[0], strength[1], strength[3], strength[2]) if flags["break"] else None
     damping = normal, sliding, rolling, spinning
-    return beam_bond(tension, shear, bending, twisting, strength=limits, damping=damping, **how)
+    return beam_bond(tension, shear, bending, twisting, strength=strength, damping=damping, **how)
 
 
 def notes_on_rest(told: Commands, listed: ListedBonds, acting: Sequence[str]) -> list[Assumption]:
@@ -358,9 +368,9 @@ def notes_on_rest(told: Commands, listed: ListedBonds, acting: Sequence[str]) ->
 def note_on_contacts(told: Commands, listed: ListedBonds, n: int, i: np.ndarray, j: np.ndarray) -> Assumption | None:
     """Note on contacts i–j of n grains that `special_bonds` removes or changes; None if it changes none.
 
-    It affects grains that are one to three bonds apart.
+    It affects grains that are one to three bonds apart. Restart files store its weights.
     """
-    weights = [parse_number(word) for word in told.weights]
+    weights = listed.weights or tuple(parse_number(word) for word in told.weights)
     if all(weight == 1 for weight in weights):
         return None
     there = listed.kind != 0
@@ -372,7 +382,7 @@ def note_on_contacts(told: Commands, listed: ListedBonds, n: int, i: np.ndarray,
         pairs = reached.tocoo()
         apart[(apart == 0) & np.isin(i.astype(np.int64) * n + j, pairs.row.astype(np.int64) * n + pairs.col)] = bonds
     changed = (apart > 0) & (i != j) & (np.array([1.0, *weights])[apart] != 1)
-    what = f"special_bonds lj {' '.join(told.weights)}: {BONDED}"
+    what = f"special_bonds lj {' '.join(f'{weight:g}' for weight in weights)}: {BONDED}"
     if changed.any():
         return Obstacle(f"{what}, but {pluralize(int(changed.sum()), 'such contact')} would act fully here")
     return Assumption(f"{what}: none of these grains touch now, but if they did, they would repel each other here")

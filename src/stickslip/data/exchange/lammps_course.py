@@ -476,9 +476,9 @@ def _take_bonds(course: Course) -> None:
             "left out"
         )
         course.notes.append(Assumption(text))
-    for command in () if listed.signed else told.deleted:
+    for command in told.deleted:
         if " remove" not in command:
-            course.obstacle(f"{command}: data files do not state which bonds it turned off")
+            course.obstacle(f"{command}: {listed.source} does not state which bonds it turned off")
     acting: list[str] = []
     try:
         course.bonds, acting = laws_of_bonds(told, listed)

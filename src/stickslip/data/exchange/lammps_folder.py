@@ -260,7 +260,8 @@ def _with_bonds(packing: Packing, path: Path, files: Files, run: Run) -> tuple[P
     """
     told = replay(run.bonds)
     data = [other for other in files.data if other != path] if told.style or told.made else []
-    others = {other: _read_if_possible(other, files, run) for other in data}
+    failed: list[str] = []
+    others = {other: _read_if_possible(other, files, run, failed) for other in data}
     then = next((others[other] for other in others if told.origin and means(told.origin, other.name)), None)
     bonds, notes = packing.bonds, []
     if bonds is None:
@@ -273,16 +274,19 @@ def _with_bonds(packing: Packing, path: Path, files: Files, run: Run) -> tuple[P
             notes = [f"bonds in {bonds.source}"] if len(bonds.i) else []
             if not now and len(bonds.i) and can_break(told):
                 notes.append(Obstacle(f"bonds of {bonds.source} may have broken since: `write_data` lists the others"))
+    if bonds is None:
+        notes += [Absent(f"bonds were not read: {problem}") for problem in failed]
     if bonds is not None and bonds.length is None and told.strained and then:
         bonds = with_lengths(bonds, packing, then)
     return packing._replace(bonds=bonds), notes
 
 
-def _read_if_possible(path: Path, files: Files, run: Run) -> Packing | None:
-    """Packing of a data file; None if it cannot be read."""
+def _read_if_possible(path: Path, files: Files, run: Run, failed: list[str]) -> Packing | None:
+    """Packing of a data file; None if it cannot be read, for a reason that is added to `failed`."""
     try:
         return _read_grains(path, files, None, run)
-    except PackingError:
+    except PackingError as problem:
+        failed.append(str(problem))
         return None
 
 

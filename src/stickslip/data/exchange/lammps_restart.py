@@ -71,7 +71,7 @@ FLAGS = {  # types of the values after the flags of a header
     **dict.fromkeys((1, 2, 3, 6, 7, 9, 10, 11, 12, 13, 17, 19, 20, 22, 23, 25, 26, 28, 29, 30, 48, 73, 75), INT),
     **dict.fromkeys((51, 52, 53, 54, 56, 58, *range(60, 66)), INT),
 }  # fmt: skip
-UNITS, STEP, BOUNDARY, STYLE, ATOMS, LOW, HIGH, XY, XZ, YZ = 4, 5, 14, 15, 16, 31, 32, 33, 34, 35
+UNITS, STEP, BOUNDARY, STYLE, ATOMS, LOW, HIGH, XY, XZ, YZ, SPECIAL = 4, 5, 14, 15, 16, 31, 32, 33, 34, 35, 36
 MOST_GROUPS = 32
 LABELS = 72  # flag before labels of types
 NO_PLACE = "restart files do not contain its position; give the run folder, whose log or input script does"
@@ -254,7 +254,6 @@ def _list_bonds(
         length=length,
         direction=np.where(complete[:, None], j.apply(direction), 0.0),
         turn=np.where(complete[:, None], now, 0.0),
-        signed=True,
     )
 
 
@@ -337,7 +336,8 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
         if style in walls or group_of("fix", style) == UNKNOWN
     ]
     notes = [*([] if walls else notes), *said, *(Obstacle(part, FIXES) for part in left_out)]
-    notes += note_on_bonds(restart.bonds)
+    bonds = restart.bonds._replace(weights=tuple(about.get(SPECIAL, np.zeros(0)).tolist()[-3:]))
+    notes += note_on_bonds(bonds)
     if about[UNITS] not in SAME_UNITS:
         notes.append(Obstacle(f"units {about[UNITS]}, in which LAMMPS converts forces, were not imported"))
     notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
@@ -351,7 +351,7 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
         memory=restart,
         law=law,
         labels=_groups_and_labels(content, restart.mask)[1],
-        bonds=restart.bonds,
+        bonds=bonds,
     )
 
 
@@ -522,7 +522,8 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
     row = np.repeat(first, count) + number
     kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (row, row + np.repeat(count, count)))
     memory = np.zeros((len(number), 4))
-    for style, (entry, end) in memories.items():
+    # in a hybrid, each style stores its numbers for all bonds: the most complete ones count
+    for style, (entry, end) in sorted(memories.items(), key=lambda item: BOND_MEMORY[item[0]]):
         width = BOND_MEMORY[style]
         at = np.repeat(entry, count) + 1 + width * number
         own = np.zeros((len(number), 4))
