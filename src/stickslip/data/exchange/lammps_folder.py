@@ -332,7 +332,9 @@ def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None)
     sources, notes = files.logs or files.scripts, []
     writes = any(_names(files, path, grains.name, tuple({*FILING} - {*BEGINNING})) for path in sources)
     if not writes and any(_names(files, path, grains.name, BEGINNING) for path in sources):
-        notes.append(Absent(f"{grains.name} is the initial state of the run, which left no later one"))
+        others = [path.name for path in files.packings if path != grains]
+        rest = f"; {others[0]} may have a later one: give that file" if others else ", which left no later one"
+        notes.append(Absent(f"{grains.name} is the initial state of the run{rest}"))
     naming = [path for path in sources if _names(files, path, grains.name)]
     doubts = [_mismatch(grains, packing, run)] if run else []
     if run and not run.blocks and "reset_timestep" in run.met[USED] and len(files.packings) > 1:
