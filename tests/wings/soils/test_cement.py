@@ -164,6 +164,17 @@ def test_every_figure_can_be_drawn(pulled):
     assert "fig9_broken_bonds.png" in drawn and min(map(len, drawn.values())) > 5000
 
 
+def test_a_sample_that_lost_all_bonds_before_the_test_has_no_strength(pulled):
+    """Elastic constants of grains that do not touch would be those of round-off; counts remain."""
+    run, bonds = pulled.runs[0], len(pulled.runs[0].end.bonds.i)
+    lost = run.breaks._replace(row=np.zeros(bonds, int), tension=np.ones(bonds, bool))
+    runs = run, run._replace(breaks=lost)
+    found, void = (SAMPLE.of(LoadedSample(one, pulled.scenario)) for one in runs)
+    for name in ("E", "nu", "E_half", "nu_half", "tensile_strength", "strength"):
+        assert np.isfinite(found[name]) and np.isnan(void[name]), name
+    assert void["broken_before"] == bonds
+
+
 def test_a_sample_that_did_not_fail_has_a_lower_bound(pulled):
     kept = pulled.runs[0].breaks.row[0]
     series = element.ElementSeries(*(column[:kept] for column in pulled.runs[0].series))

@@ -424,6 +424,11 @@ class LoadedSample:
             return NAN
         return self.strength
 
+    @property
+    def holds(self) -> bool:
+        """False if a sample without confining pressure has lost all bonds before the test."""
+        return bool(self.cement.confining) or int((self.breaks.row == 0).sum()) < len(self.run.end.bonds.i)
+
     def broken(self, row: int | np.ndarray, tension: bool) -> int | np.ndarray:
         """Number of bonds broken in tension or in shear up to given rows, including those broken before the test."""
         rows = np.sort(self.breaks.row[self.breaks.tension == tension])
@@ -484,9 +489,9 @@ SERIES = Quantities([
 ])  # fmt: skip
 
 
-def _cemented(of: Callable[[LoadedSample], float]) -> Callable[[LoadedSample], float]:
-    """Quantity of a cemented sample; NaN for others."""
-    return lambda t: of(t) if t.cement else NAN
+def _cemented(of: Callable[[LoadedSample], float], *, holds: bool = False) -> Callable[[LoadedSample], float]:
+    """Quantity of a cemented sample, or only of one that `holds` together; NaN for others."""
+    return lambda t: of(t) if t.cement and (t.holds or not holds) else NAN
 
 
 SAMPLE = Quantities([
@@ -498,16 +503,16 @@ SAMPLE = Quantities([
     Quantity("E0", STRESS, "Young's modulus at small strain", "run.elastic.young", partial=True),
     Quantity("nu0", "1", "Poisson's ratio at small strain", "run.elastic.poisson", partial=True),
     *(Quantity(f"{name}{end}", unit, f"{words} {where}",
-               _cemented(lambda t, of=of, k=k: getattr(t, of)[k]))
+               _cemented(lambda t, of=of, k=k: getattr(t, of)[k], holds=True))
       for of, end, where in (("small", "", "along the axis, tangent of the first step"),
                              ("half", "_half", "along the axis, tangent at half of the strength"))
       for k, (name, unit, words) in enumerate((("E", STRESS, "Young's modulus"), ("nu", "1", "Poisson's ratio")))),
-    Quantity("UCS", STRESS, "uniaxial compressive strength", _cemented(lambda t: t.uniaxial(1))),
-    Quantity("tensile_strength", STRESS, "direct tensile strength", _cemented(lambda t: t.uniaxial(-1))),
+    Quantity("UCS", STRESS, "uniaxial compressive strength", _cemented(lambda t: t.uniaxial(1), holds=True)),
+    Quantity("tensile_strength", STRESS, "direct tensile strength", _cemented(lambda t: t.uniaxial(-1), holds=True)),
     Quantity("strength", STRESS, "largest change of q of a cemented sample",
-             _cemented(lambda t: t.strength)),
+             _cemented(lambda t: t.strength, holds=True)),
     Quantity("crack_initiation", STRESS, "change of q when 1 % of the bonds that break up to the peak have broken",
-             _cemented(lambda t: t.crack_initiation)),
+             _cemented(lambda t: t.crack_initiation, holds=True)),
     Quantity("bonds", "1", "bonds of the cemented sample",
              _cemented(lambda t: len(t.run.end.bonds.i))),
     Quantity("broken_before", "1", "bonds that broke before the test",
