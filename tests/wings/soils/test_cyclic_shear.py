@@ -85,8 +85,8 @@ def test_the_loops_of_a_triangular_lattice_have_a_closed_form(lattice, amplitude
         shares = loop.shares
         assert shares["sliding"] == pytest.approx(1, abs=2e-3)
         assert abs(shares["residual"]) < 2e-3
-        # 5 of 48 contacts, of which 16 slide: those of two rows may slide more and those between them less, as rows that
-        # rotate against each other change only the slip of contacts that slide; round-off decides
+        # 5 of 48 contacts, of which 16 slide. Rows that rotate against each other change only the slip of contacts that
+        # slide, so those of two rows may slide more and those between them less: round-off decides
         assert 5 / 16 * 0.99 < response.busiest[1] < 5 / 8 * 1.01
 
 
