@@ -29,6 +29,8 @@ class Freedom(NamedTuple):
     affinely with the cell, x → x + ε x.
     """
 
+    MADE_BY = "freedom"
+
     component: np.ndarray  # (n,) index of each coordinate in the flattened (B, 6) array, followed by ε (3, 3)
     mass: np.ndarray  # (n,) mass, or I/R² for rotations [mass]
     dim: int

@@ -33,6 +33,8 @@ SWEEPS = 6  # scaling sweeps; each halves the logarithms of the largest entries
 class Complementarity(NamedTuple):
     """w = A λ + q ≥ 0, λ ≥ 0, wᵀλ = 0 for the critical contacts."""
 
+    MADE_BY = "quasirigid.complementarity"
+
     matrix: np.ndarray  # (Mc, Mc) A
     vector: np.ndarray  # (Mc,) q
     matrix_error: float = 0.0  # error of entries of A beyond their round-off, such as that of solving with k₀

@@ -70,6 +70,8 @@ class LinearSystem(NamedTuple):
     Contacts have d = 2 components (n, t) in two dimensions and d = 3 components (n, t, t′) in three.
     """
 
+    MADE_BY = "quasirigid.linear_system"
+
     rows: np.ndarray  # (M,) rows of the contacts in the contact list
     frame: np.ndarray  # (M, d, 3) n, t and t′
     c: sparse.csr_array  # (n, dM) force on coordinates from the components of every contact
