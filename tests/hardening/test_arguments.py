@@ -18,6 +18,10 @@ def packings():
     return spheres, disks
 
 
+def system(state):
+    return ss.quasirigid.linear_system(state, H)
+
+
 SWAPPED = "check the order of the arguments"
 WRONG = [
     (lambda p, d: ss.stability(H, p), TypeError, f"state must be a State, .* Law: {SWAPPED}"),
@@ -38,6 +42,12 @@ WRONG = [
     (lambda p, d: ss.friction.steady_mean(np.ma.masked_greater(range(9), 7)), ValueError, "values has masked entries"),
     (lambda p, d: ss.packings.from_arrays(np.ma.masked_less(p.grains.position, 0), p.grains.radius, H), ValueError,
      "position has masked entries"),
+    (lambda p, d: ss.modes.displaced(p, ss.freedom(p), 1j * np.ones(180)), ValueError, "step must be real numbers"),
+    (lambda p, d: ss.quasirigid.quadratic_form(system(d), 1j * np.ones(60)), ValueError, "velocity must be real"),
+    (lambda p, d: ss.quasirigid.contact_status(system(d), 1j * np.ones(60)), ValueError, "load must be real numbers"),
+    (lambda p, d: ss.quasirigid.complementarity(system(d), 1j * np.ones(60)), ValueError, "load must be real numbers"),
+    (lambda p, d: ss.quasirigid.probe_statuses(d, H, [1j * np.eye(2)]), ValueError, "stresses must be real numbers"),
+    (lambda p, d: ss.control.spring_forces(p.control, 1j * p.grains.position, 0.0), ValueError, "must be real numbers"),
     (lambda p, d: ss.friction.healing([1, 10, 100], [0.1, 0.2]), ValueError, r"excess must have shape \(3,\), got"),
     (lambda p, d: ss.run(p, H, 10.5, 0.1), ValueError, "steps must be a whole number, got 10.5"),
     (lambda p, d: ss.run(p, H, np.inf, 0.1), ValueError, "steps must be a whole number, got inf"),

@@ -246,7 +246,7 @@ def spring_loaded(
 
 
 @checked
-def spring_forces(control: Control, position: np.ndarray, time: float) -> np.ndarray:
+def spring_forces(control: Control, position: Numbers, time: float) -> np.ndarray:
     """Forces of springs, (B, 3), on bodies at (B, 3) positions [force]."""
     require_shape(control.spring.shape, position=position)
     if not control.spring.any():

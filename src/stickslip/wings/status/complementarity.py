@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from ...kit import checked, one_thread, readable
+from ...kit import Numbers, checked, one_thread, readable
 from .matrices import LinearSystem
 from .system import StatusSolver
 
@@ -59,7 +59,7 @@ class ScaledProblem(NamedTuple):
 
 @checked
 def complementarity(
-    matrix: LinearSystem, load: np.ndarray, *, critical: np.ndarray | None = None, geometric: bool = True
+    matrix: LinearSystem, load: Numbers, *, critical: np.ndarray | None = None, geometric: bool = True
 ) -> Complementarity:
     """Compute A and q of the critical contacts under a load rate; arguments are those of `contact_status`.
 

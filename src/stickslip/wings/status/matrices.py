@@ -470,7 +470,7 @@ def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
 
 
 @checked
-def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding: Numbers | None = None) -> float:
+def quadratic_form(matrix: LinearSystem, velocity: Numbers, sliding: Numbers | None = None) -> float:
     """Q = vᵀ k v without geometric stiffness; stability is assumed to mean Q > 0 for all v (Eq. 41)."""
     require_shape((len(matrix.free),), velocity=velocity)
     return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))
