@@ -113,3 +113,34 @@ def test_what_stability_and_doctor_advise_can_be_pasted(here):
     assert "--" not in again.stdout
     extras = {extra for part in parts() for extra in re.findall(r"stickslip\[(\w+)\]", part.remedy)}
     assert extras <= {*EXTRAS}
+
+
+OTHER = ss.laws.linear(mu=0.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"law": OTHER, "friction": 0.3}, "a law has no parameter 'friction': it has kn, kt, mu"),
+        ({"law": OTHER, "work": 1e-3}, "a law has no parameter 'work': it has kn, kt, mu"),
+        ({"law": OTHER, "tension": True}, "tension does not apply to a complete law"),
+        ({"friction": 0.3}, "hertz_mindlin has no parameter friction: it has kn, kt, mu, damping_n, damping_t"),
+        ({"tension": "no"}, "tension must be True or False, got a value of type str"),
+        ({"contacts": 3}, "contacts must be a word or a Path, got a value of type int"),
+        ({"i0": "0.5"}, "i0 must be a number, got a value of type str"),
+        ({"parameters": [1]}, "parameters must be a dict, got a value of type list"),
+        ({"law": [OTHER]}, "law must be a word or a Path or a Law, got a value of type list"),
+    ],
+)
+@pytest.mark.parametrize("place", ["packing.npz", "disks.csv"])
+def test_no_option_is_ignored(here, place, options, message):
+    more = {"contacts": example("measured_forces.csv"), "mu": 0.3} if place == "disks.csv" else {}
+    with pytest.raises((TypeError, ValueError), match=message):
+        ss.io.read_packing(here / place, **more | options)
+
+
+def test_a_frame_may_be_given_as_a_number(here, tmp_path):
+    state, law, _ = ss.io.read_packing(here / "packing.npz")
+    ss.io.write_packing(tmp_path / "two.gsd", [ss.io.frame_of(state, law)] * 2)
+    for read in (ss.io.read_packing, ss.io.read_packings):
+        assert repr(read(tmp_path / "two.gsd", frame=1)) == repr(read(tmp_path / "two.gsd", frame="1"))

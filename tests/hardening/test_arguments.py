@@ -18,6 +18,10 @@ def packings():
     return spheres, disks
 
 
+def system(state):
+    return ss.quasirigid.linear_system(state, H)
+
+
 SWAPPED = "check the order of the arguments"
 WRONG = [
     (lambda p, d: ss.stability(H, p), TypeError, f"state must be a State, .* Law: {SWAPPED}"),
@@ -27,8 +31,24 @@ WRONG = [
     (lambda p, d: ss.measure.unbalanced_forces(p, ss.forces(p, H)), TypeError, "give value 0 of this tuple"),
     (lambda p, d: ss.measure.coordination(p, H), TypeError, "least must be a whole number"),
     (lambda p, d: ss.io.write_packing("x.npz", H, p), TypeError, "states must be a State or a list of Frame"),
-    (lambda p, d: ss.figures.view(p), TypeError, "frames must be a list of Frame, got a value of type State"),
-    (lambda p, d: ss.figures.view([p]), TypeError, r"frames\[0\] must be a Frame, got a value of type State"),
+    (lambda p, d: ss.figures.view(p), TypeError, "frames must be a list of Frame as io.frame_of makes it, got a value"),
+    (lambda p, d: ss.figures.view([p]), TypeError, r"frames\[0\] must be a Frame as io.frame_of makes it, got a value"),
+    (lambda p, d: ss.simulate("run.toml"), TypeError, "as scenario or read_scenario makes it, got .* str"),
+    (lambda p, d: ss.run_sweep("sweep.toml"), TypeError, "a Sweep as sweep or io.read_sweep makes it, got .* str"),
+    (lambda p, d: ss.quasirigid.contact_status(d, H), TypeError, "as quasirigid.linear_system makes it"),
+    (lambda p, d: ss.control.between(p.control, p.control, 2), ValueError, "share must be from 0 to 1, got 2"),
+    (lambda p, d: ss.measure.heights(p, p.walls), TypeError, "position must be numbers, got a value of type State"),
+    (lambda p, d: ss.modes.participation_ratio(ss.spectrum(d, H), ss.freedom(d)), TypeError, "give its .modes"),
+    (lambda p, d: ss.friction.steady_mean(np.ma.masked_greater(range(9), 7)), ValueError, "values has masked entries"),
+    (lambda p, d: ss.packings.from_arrays(np.ma.masked_less(p.grains.position, 0), p.grains.radius, H), ValueError,
+     "position has masked entries"),
+    (lambda p, d: ss.modes.displaced(p, ss.freedom(p), 1j * np.ones(180)), ValueError, "step must be real numbers"),
+    (lambda p, d: ss.quasirigid.quadratic_form(system(d), 1j * np.ones(60)), ValueError, "velocity must be real"),
+    (lambda p, d: ss.quasirigid.contact_status(system(d), 1j * np.ones(60)), ValueError, "load must be real numbers"),
+    (lambda p, d: ss.quasirigid.complementarity(system(d), 1j * np.ones(60)), ValueError, "load must be real numbers"),
+    (lambda p, d: ss.quasirigid.probe_statuses(d, H, [1j * np.eye(2)]), ValueError, "stresses must be real numbers"),
+    (lambda p, d: ss.control.spring_forces(p.control, 1j * p.grains.position, 0.0), ValueError, "must be real numbers"),
+    (lambda p, d: ss.friction.healing([1, 10, 100], [0.1, 0.2]), ValueError, r"excess must have shape \(3,\), got"),
     (lambda p, d: ss.run(p, H, 10.5, 0.1), ValueError, "steps must be a whole number, got 10.5"),
     (lambda p, d: ss.run(p, H, np.inf, 0.1), ValueError, "steps must be a whole number, got inf"),
     (lambda p, d: ss.run(p, H, 10, np.nan), ValueError, "dt is NaN: give a number"),
@@ -84,6 +104,12 @@ def test_numbers_of_numpy_and_whole_floats_are_numbers(packings):
     state = packings[0]
     for steps, dt in ((10.0, 0.1), (np.int64(10), np.float64(0.1)), (np.array(10), np.array(0.1))):
         assert ss.run(state, H, steps, dt)[2].ok
+
+
+def test_numbers_of_less_precision_are_computed_with_as_doubles():
+    given = np.float32(7e10), np.float32(0.3)
+    assert ss.laws.elastic_constants(*given) == ss.laws.elastic_constants(*map(float, given))
+    assert ss.measure.inertial_number(np.float16(0.5), 2, diameter=np.int8(100), density=np.int8(2)) == 50.0
 
 
 def test_a_pair_of_a_grain_with_itself_needs_an_image():

@@ -196,8 +196,8 @@ def test_the_damping_ratio_of_a_restitution_is_that_of_the_dashpots():
     [
         (["--law", "jkr"], 2, "jkr needs work, work of adhesion [energy/length^2]: give it (--parameter work=…)"),
         (["--law", "jkr", "--parameter", "work=0", "--coulomb", "sharp"], 3, "not in equilibrium"),
-        (["--law", "linear", "--parameter", "work=1"], 2, "linear has no parameter work: it has none"),
-        (["--law", "jkr", "--parameter", "volume=1", "--parameter", "work=1"], 2, "no parameter volume: it has work"),
+        (["--law", "linear", "--parameter", "work=1"], 2, "linear has no parameter work: it has kn, kt, mu,"),
+        (["--law", "jkr", "--parameter", "volume=1", "--parameter", "work=1"], 2, "kt, mu, damping_n, damping_t, work"),
         (["--law", "jkr", "--parameter", "work"], 2, "expected a name and a number as in work=1e-3, got 'work'"),
         (["--law", "jkr", "--parameter", "work=one"], 2, "'one' is not a number"),
     ],

@@ -1,7 +1,9 @@
 """Values print themselves in a few lines, in a terminal and in a notebook."""
 
+import copy
 import html
 import inspect
+import pickle
 import re
 
 import numpy as np
@@ -191,3 +193,18 @@ def test_a_result_shows_its_measures():
     assert shown[0] == ["experiment", "rate-state", "", "a spring-slider with rate-and-state friction"]
     assert ["spring.stiffness", "50", "[1/m]"] in [row[:3] for row in shown]
     assert ["final velocity", f"{result.history.velocity[-1]:.6g}", "[m/s]"] in [row[:3] for row in shown]
+
+
+def test_values_with_arrays_are_compared_entry_by_entry(state):
+    """In the terms of numpy, the truth value of such a comparison would be ambiguous."""
+    same = copy.deepcopy(state)
+    assert state == same and (state != same) is False and state in [same]
+    assert state != state._replace(time=1.0) and state != ss.packings.sheared(state, 1e-3) and state != 3
+    assert ss.laws.linear() == ss.laws.linear() != ss.laws.linear(mu=0.1)
+    found = ss.friction.Data(np.array([0.0, np.nan]), np.array([0.5, 0.6]))
+    assert found == copy.deepcopy(found)
+    surface = ss.friction.RateState(0.01, 0.015, 1e-5)
+    assert surface in {surface._replace()} and surface == tuple(surface)
+    pair = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], LAW)
+    motion = ss.modes.equations_of_motion(pair, LAW)
+    assert motion == pickle.loads(pickle.dumps(motion)), "with sparse matrices"

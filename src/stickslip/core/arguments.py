@@ -77,6 +77,12 @@ def require_not_negative(**values) -> None:
             raise ValueError(f"{name} must be zero or positive{range_}, got {value}")
 
 
+def require_unmasked(name: str, value) -> None:
+    """Raise ValueError with a one-sentence message if an array has masked entries, which would count as numbers."""
+    if np.ma.is_masked(value):
+        raise ValueError(f"{name} has masked entries: leave them out")
+
+
 def one_of(*allowed) -> Requirement:
     """Requirement that a value is one of those in a table; use `Literal` for values listed at the argument."""
 
@@ -363,8 +369,8 @@ def _words(annotation) -> str:
 
 
 def _check_class(name: str, value, classes: tuple[Any, ...], given: bool = True):
-    if isinstance(value, np.ndarray) and not value.shape and value.dtype.kind in "biuf":
-        value = value[()]
+    if isinstance(value, np.ndarray | np.generic) and not value.shape and value.dtype.kind in "biuf":
+        value = value.item()  # a double, also of a number of less precision
     if isinstance(value, classes) and not isinstance(value, Complex):
         if hasattr(value, "_fields") and not isinstance(value, type):
             if hasattr(value, "check_entries"):
@@ -416,6 +422,10 @@ def _check_callable(name: str, value):
 def _check_array(name: str, value, wanted: Array):
     if isinstance(value, slice):
         return value
+    if hasattr(value, "_fields") and not isinstance(value, type):
+        remedy = f"give its .{name}" if name in value._fields else "give an array"
+        raise TypeError(f"{name} must be numbers, got {_describe(value)}: {remedy}")
+    require_unmasked(name, value)
     try:
         array = np.asarray(value)
     except ValueError:

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from .arguments import Array, Bodies, Numbers, Positive, Series, checked, one_of, require_shape
+from .arguments import Array, Bodies, Numbers, Positive, Requirement, Series, checked, one_of, require_shape
 from .state import Control, as_numbers, as_rows
 
 
@@ -246,7 +246,7 @@ def spring_loaded(
 
 
 @checked
-def spring_forces(control: Control, position: np.ndarray, time: float) -> np.ndarray:
+def spring_forces(control: Control, position: Numbers, time: float) -> np.ndarray:
     """Forces of springs, (B, 3), on bodies at (B, 3) positions [force]."""
     require_shape(control.spring.shape, position=position)
     if not control.spring.any():
@@ -284,9 +284,14 @@ def factors_at(control: Control, time: float) -> np.ndarray:
     return np.array([*(np.interp(time, control.knots, column) for column in control.course.T), 1.0])
 
 
+def _require_share(name: str, value: float) -> None:
+    if not 0 <= value <= 1:
+        raise ValueError(f"{name} must be from 0 to 1, got {value}")
+
+
 @checked
-def between(begin: Control, end: Control, share: float) -> Control:
-    """Interpolate between two controls, at a fraction `share` of the way.
+def between(begin: Control, end: Control, share: Annotated[float, Requirement(_require_share)]) -> Control:
+    """Interpolate between two controls, at a fraction `share` of the way, from 0 to 1.
 
     Forces, torques, gravity, stress and the anchors of springs are interpolated.
     """

@@ -37,7 +37,25 @@ def readable(kind=None, *, head=None, rows=None, picture=None):
     kind.__repr__ = lambda self: folded(f"{kind.__name__}: {head(self)}")
     kind._repr_html_ = to_html
     kind._summary = own or (lambda value: words(kind.__name__))
+    kind.__eq__, kind.__ne__ = _equal, lambda a, b: not _equal(a, b)
     return kind
+
+
+def _equal(a, b) -> bool:
+    """Return True if two values are equal in all entries, also in those of arrays; NaN equals NaN."""
+    if a is b:
+        return True
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc")
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_equal(value, b[key]) for key, value in a.items())
+    if isinstance(a, list | tuple):
+        return isinstance(b, tuple if isinstance(a, tuple) else list) and len(a) == len(b) and all(map(_equal, a, b))
+    if hasattr(a, "nnz") and hasattr(b, "nnz"):  # sparse matrices
+        return a.shape == b.shape and not (a != b).nnz
+    if hasattr(a, "equals") and type(a) is type(b):  # tables of pandas and xarray
+        return bool(a.equals(b))
+    return type(a) is not np.ndarray and type(b) is not np.ndarray and bool(a == b or (a != a and b != b))
 
 
 def _list_fields(value) -> str:

@@ -14,7 +14,7 @@ from ..core.contacts.forces import AT_LIMIT, FREE, FROZEN, GIVEN, HELD, accept, 
 from ..core.contacts.neighbors import grid_of, with_neighbor_list
 from ..core.fields import pack_keys
 from ..core.laws.builtin import CONSTRUCTORS as LAWS
-from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants
+from ..core.laws.builtin import COULOMB, DAMPING, PARAMETERS, Law, elastic_constants
 from ..core.laws.kinds import bridges_gaps
 from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
@@ -228,6 +228,10 @@ def from_arrays(
             np.shape(rows)
         except ValueError:
             raise PackingError(f"{name} has rows of different lengths: give an array of numbers") from None
+        if np.ma.is_masked(rows):
+            raise PackingError(f"{name} has masked entries: leave them out")
+    if dim == 3 and np.ndim(position) == 2 and np.shape(position)[1] == 2:
+        raise PackingError("position has shape (N, 2), without z: give dim=2 for disks")
     mass = _masses(mass, density, radius, dim)
     motion = {"velocity": velocity, "spin": spin, "angle": angle}
     if dim == 2:
@@ -319,8 +323,7 @@ def law_by_name(
     for name in sorted({*needed} - extra):
         raise PackingError(f"{law} needs {name}, {needed[name]}: give it (--parameter {name}=…)")
     for name in sorted(extra - {*needed}):
-        has = f"it has {', '.join(needed)}" if needed else "it has none"
-        raise PackingError(f"{law} has no parameter {name}: {has}")
+        raise PackingError(f"{law} has no parameter {name}: it has {', '.join((*PARAMETERS, *needed))}")
     model = {} if damping is None else {"damping": damping}
     try:
         if young is not None:

@@ -90,6 +90,7 @@ def _check_units(given):
 class ScenarioBase(ScenarioTable):
     """Base class of scenarios."""
 
+    MADE_BY: ClassVar[str] = "scenario or read_scenario"
     si: ClassVar[bool] = False  # True if its units are SI by definition
     units: Annotated[Literal["SI"] | UnitNames | None, BeforeValidator(_check_units)] = Field(
         None, description="units of all numbers, for printing only; nothing is converted; default: not named"

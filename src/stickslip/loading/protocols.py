@@ -36,6 +36,8 @@ KEPT = 20_000  # samples of a time series that are saved
 class Equilibrium(NamedTuple):
     """One point of a quasi-static path."""
 
+    MADE_BY = "protocols.ramp"
+
     load: float
     state: State
     spectrum: Spectrum

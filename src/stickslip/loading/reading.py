@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
-from ..core.arguments import checked
+from ..core.arguments import check_value, checked
 from ..core.laws.builtin import Law
 from ..core.state import State
 from ..data.exchange.files import (
+    OPTIONS,
     Reading,
     is_measured,
     output_files,
@@ -75,8 +76,14 @@ def read_packing(path: str | Path, **options) -> Reading:
 
 
 @checked
-def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
+def read_packings(
+    path: str | Path, *, frame: str | int | None = "all", **options
+) -> list[tuple[str, State, Law, list[str]]]:
     """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
+    for name, value in options.items():
+        if value is not None and name in OPTIONS:
+            check_value(name, value, OPTIONS[name], given=True)
+    frame = None if frame is None else str(frame)
     path, contacts = Path(path), options.get("contacts")
     if contacts and Path(contacts).is_file():
         from ..data.exchange.bond_tables import is_table_of_bonds, with_listed_bonds

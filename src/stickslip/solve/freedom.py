@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.arguments import checked, knows_bonds, require_shape
+from ..core.arguments import Numbers, checked, knows_bonds, require_shape
 from ..core.contacts.forces import HELD, ContactLoads, forces, moving_masses, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, inverse_radii, linearise, triplets
 from ..core.dynamics.cell_motion import cell_mass, strained
@@ -28,6 +28,8 @@ class Freedom(NamedTuple):
     Free components of the cell strain ε come last: their coordinates are ℓ ε_ab with ℓ = V^(1/dim), and grains move
     affinely with the cell, x → x + ε x.
     """
+
+    MADE_BY = "freedom"
 
     component: np.ndarray  # (n,) index of each coordinate in the flattened (B, 6) array, followed by ε (3, 3)
     mass: np.ndarray  # (n,) mass, or I/R² for rotations [mass]
@@ -364,7 +366,7 @@ def resized(state: State, radius: np.ndarray) -> State:
 
 @checked
 @knows_bonds
-def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
+def displaced(state: State, free: Freedom, step: Numbers) -> State:
     """State with its free coordinates moved by `step` (n,) [length]; contact memory is left unchanged."""
     full = free.spread(step)
     if free.length:

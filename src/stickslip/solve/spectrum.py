@@ -35,6 +35,8 @@ class Spectrum(NamedTuple):
     grows as exp(ω_i t), ω_r + iω_i = √(λ_r + iλ_i).
     """
 
+    MADE_BY = "spectrum"
+
     eigenvalues: np.ndarray  # (n,) complex [1/time²]
     modes: np.ndarray  # (n, m) complex, columns: generalised displacements of unit mass-weighted norm
     free: Freedom

@@ -19,6 +19,8 @@ _NO = 0.0, 0.0, 0.0, 0.0
 class Bond(NamedTuple):
     """Law of a bond, from a function such as `laws.spring_bond`. Columns of four: tension, shear, bending, twisting."""
 
+    MADE_BY = "laws.spring_bond"
+
     form: int  # how strengths are combined
     stiffness: tuple[float, float, float, float]  # parallel bonds: per area [force/length³], twice, then zeros
     strength: tuple[float, float, float, float]  # springs: a strain; parallel bonds: stresses, then zeros

@@ -13,7 +13,8 @@ import numpy as np
 from ...core.arguments import checked, knows_bonds, require_filled
 from ...core.contacts.forces import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
-from ...core.laws.builtin import PARAMETERS, SHARP, Law, laws_equal, parameter_names, with_values
+from ...core.laws.builtin import SHARP, Law, laws_equal, parameter_names, with_values
+from ...core.readable import format_value, pluralize, readable
 from ...core.state import State
 from ...core.units import Units
 from ...lazy import lazy_function
@@ -147,6 +148,11 @@ SINGLE = {".npz": write_npz, ".csv": _here("table_file.write_csv"), ".graphml": 
 SINGLE |= dict.fromkeys(LAMMPS_DATA, _here("lammps_text.write_lammps"))
 LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
+WHOLE = ("coulomb", "young", "poisson", "damping", "tension")  # options that a complete law contains
+OPTIONS = {  # of `read_packing`, except numbers, which laws check
+    "law": str | Path | Law, "coulomb": str, "damping": str, "tension": bool, "parameters": dict, "i0": float,
+    "contacts": str | Path, "columns": str, "boundary": str, "atom_style": str,
+}  # fmt: skip
 
 
 def written() -> tuple[str, ...]:
@@ -154,6 +160,7 @@ def written() -> tuple[str, ...]:
     return (*SINGLE, *ARCHIVE, *SERIES, *writers_of_wings())
 
 
+@readable(head=lambda reading: _describe(reading))
 class Reading(NamedTuple):
     """A packing read from a file, with its law and notes."""
 
@@ -170,6 +177,10 @@ class Reading(NamedTuple):
     def met(self) -> dict[str, list[str]]:
         """Names in a foreign file by group: used, without influence on forces, and unknown."""
         return account_of(self.notes)
+
+
+def _describe(reading: Reading) -> str:
+    return f"{format_value(reading.state)}; {format_value(reading.law)}; {pluralize(len(reading.notes), 'note')}"
 
 
 def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str, State, Law, list[str]]]:
@@ -335,13 +346,13 @@ def separate_law(given: dict) -> tuple[dict, Law | None]:
         return given | more, None
     from ...core.laws.user import from_file
 
-    values = {name: given[name] for name in PARAMETERS if name in given}
+    values = {name: value for name, value in given.items() if name not in (*OPTIONS, *WHOLE)}
     try:
         law = with_values(from_file(law) if is_file else law, **values, **more)
     except ValueError as problem:
         raise PackingError(str(problem)) from None
     rest = {name: value for name, value in given.items() if name not in values}
-    lost = [name for name in ("coulomb", "young", "poisson", "damping") if name in rest]
+    lost = [name for name in WHOLE if name in rest]
     if lost:
         whole = f"a law from a file: set it in {given['law']}" if is_file else "a complete law: set it in that law"
         raise PackingError(f"{lost[0]} does not apply to {whole}")

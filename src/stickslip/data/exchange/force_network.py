@@ -25,6 +25,8 @@ Unknown = Annotated[Any, Array((0, 1), finite=False)]  # errors, NaN where unkno
 class MeasuredForces(NamedTuple):
     """Disks or spheres and measured forces at their contacts; overlaps and slips are unknown."""
 
+    MADE_BY = "io.read_forces"
+
     position: np.ndarray  # (N, D), D = 2 for disks, 3 for spheres [length]
     radius: np.ndarray  # (N,) [length]
     free: np.ndarray  # (N,) bool; all others are held, such as those at walls, and need not balance

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 class Frame(NamedTuple):
     """A state with derived columns for export; frames of an animation have further columns."""
 
+    MADE_BY = "io.frame_of"
+
     state: State
     law: Law
     grains: dict[str, np.ndarray]  # derived columns per grain, (N,) or (N, 3)

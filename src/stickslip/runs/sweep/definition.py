@@ -53,6 +53,8 @@ class Sweep(NamedTuple):
     seed given as a count, vary together along one dimension, and every point is repeated for all seeds.
     """
 
+    MADE_BY = "sweep or io.read_sweep"
+
     base: dict
     axes: tuple[Axis, ...]
     mode: str  # "zip" for a grid with conditions, whose accepted points are a list

@@ -17,7 +17,7 @@ from scipy.optimize import linprog
 
 from ... import SLIDE, STICK, Law, State
 from ...control import stress_controlled
-from ...kit import Selfcheck, checked, factorised, require_not_negative, with_neighbor_list
+from ...kit import Numbers, Selfcheck, checked, factorised, require_not_negative, with_neighbor_list
 from ...laws import for_pair, linear
 from ...measure import stress
 from ...packings import disk_array
@@ -334,7 +334,7 @@ def _rigid_motions(matrix: LinearSystem, loose: np.ndarray):
 
 @checked
 def contact_status(
-    matrix: LinearSystem, load: np.ndarray, *, critical: np.ndarray | None = None, start: np.ndarray | None = None,
+    matrix: LinearSystem, load: Numbers, *, critical: np.ndarray | None = None, start: np.ndarray | None = None,
     geometric: bool = True, unique: bool | None = None,
 ) -> ContactStatus:  # fmt: skip
     """Find the contact status by the principle of minimum sliding.
@@ -434,7 +434,7 @@ class Probed(NamedTuple):
 
 
 @checked
-def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool | None = True) -> tuple[Probed, ...]:
+def probe_statuses(state: State, law: Law, stresses: Numbers, *, unique: bool | None = True) -> tuple[Probed, ...]:
     """Find the contact status under each of several rates of stress of a periodic cell.
 
     Small increments of stress, as `protocols.response_envelope` takes them, made the same contacts slide, and strained

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from ...kit import checked, one_thread, readable
+from ...kit import Numbers, checked, one_thread, readable
 from .matrices import LinearSystem
 from .system import StatusSolver
 
@@ -32,6 +32,8 @@ SWEEPS = 6  # scaling sweeps; each halves the logarithms of the largest entries
 @readable
 class Complementarity(NamedTuple):
     """w = A λ + q ≥ 0, λ ≥ 0, wᵀλ = 0 for the critical contacts."""
+
+    MADE_BY = "quasirigid.complementarity"
 
     matrix: np.ndarray  # (Mc, Mc) A
     vector: np.ndarray  # (Mc,) q
@@ -57,7 +59,7 @@ class ScaledProblem(NamedTuple):
 
 @checked
 def complementarity(
-    matrix: LinearSystem, load: np.ndarray, *, critical: np.ndarray | None = None, geometric: bool = True
+    matrix: LinearSystem, load: Numbers, *, critical: np.ndarray | None = None, geometric: bool = True
 ) -> Complementarity:
     """Compute A and q of the critical contacts under a load rate; arguments are those of `contact_status`.
 

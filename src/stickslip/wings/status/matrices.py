@@ -70,6 +70,8 @@ class LinearSystem(NamedTuple):
     Contacts have d = 2 components (n, t) in two dimensions and d = 3 components (n, t, t′) in three.
     """
 
+    MADE_BY = "quasirigid.linear_system"
+
     rows: np.ndarray  # (M,) rows of the contacts in the contact list
     frame: np.ndarray  # (M, d, 3) n, t and t′
     c: sparse.csr_array  # (n, dM) force on coordinates from the components of every contact
@@ -468,7 +470,7 @@ def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
 
 
 @checked
-def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding: Numbers | None = None) -> float:
+def quadratic_form(matrix: LinearSystem, velocity: Numbers, sliding: Numbers | None = None) -> float:
     """Q = vᵀ k v without geometric stiffness; stability is assumed to mean Q > 0 for all v (Eq. 41)."""
     require_shape((len(matrix.free),), velocity=velocity)
     return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))

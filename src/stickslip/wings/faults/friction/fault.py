@@ -38,6 +38,8 @@ def _head(fault) -> str:
 class Fault(NamedTuple):
     """A straight fault of N cells of equal length; see `line_fault`. Units are SI."""
 
+    MADE_BY = "friction.line_fault"
+
     depth: np.ndarray  # (N,) depths of cell centres, distances down dip, or positions along the fault [m]
     a: np.ndarray  # (N,) direct effect
     b: np.ndarray  # (N,) evolution effect

@@ -23,6 +23,7 @@ from ....kit import (
     require_filled,
     require_not_negative,
     require_positive,
+    require_shape,
     write_table,
 )
 from .fitting import Data
@@ -375,7 +376,8 @@ def healing(hold: Series, excess: Series) -> Healing:
     excess : (K,) peak friction above steady friction
     """
     hold, excess = np.asarray(hold, float), np.asarray(excess, float)
-    if hold.shape != excess.shape or hold.ndim != 1 or len(np.unique(hold)) < 3:
+    require_shape(hold.shape, excess=excess)
+    if len(np.unique(hold)) < 3:
         raise ValueError(f"a fit with an interval needs three different holds, got {len(np.unique(hold))}")
     if not (np.isfinite(excess).all() and (hold > 0).all() and np.isfinite(hold).all()):
         raise ValueError("holds must be positive and finite, and peaks must be finite: leave out all others")
