@@ -116,7 +116,7 @@ def wrong(given, **changes):
     ("change", "message"),
     [
         (lambda g: {"radius": g["radius"][:-1]}, "radius has 29 entries"),
-        (lambda g: {"position": g["position"][:, :2]}, r"\(any, 3\) is needed"),
+        (lambda g: {"position": g["position"][:, :2]}, r"without z: give dim=2"),
         (lambda g: {"position": np.where(np.arange(90).reshape(30, 3) == 4, np.nan, g["position"])}, "NaN or infinity"),
         (lambda g: {"radius": 3 * g["radius"]}, "less than the diameter of the largest grain"),
         (lambda g: {"position": 0 * g["position"]}, "more than a radius"),
@@ -231,7 +231,7 @@ def test_vectors_in_the_plane_may_have_two_components():
         [0, 5, 0],
         [0, 0, 1],
     ]
-    with pytest.raises(ss.packings.PackingError, match=r"position has shape \(1, 2\)"):
+    with pytest.raises(ss.packings.PackingError, match="without z: give dim=2"):
         ss.packings.from_arrays([[0, 0]], [0.5], law)
 
 
@@ -317,5 +317,5 @@ def test_a_file_is_read_with_a_law_as_it_is_written_elsewhere(tmp_path):
     with pytest.raises(PackingError, match="coulomb does not apply to a complete law"):
         ss.io.read_packing(tmp_path / "a.npz", law=law, coulomb="sharp")
     for wrong in (3, [law]):
-        with pytest.raises(PackingError, match="law must be hertz_mindlin or linear"):
+        with pytest.raises(TypeError, match="law must be a word or a Path or a Law, got "):
             ss.io.read_packing(tmp_path / "a.npz", law=wrong)
