@@ -1,5 +1,7 @@
 """Measured forces: the nearest state in balance against truth and a slow twin, files of two kinds, bad input."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -11,6 +13,7 @@ from benchmarks.measured_forces import LAW, cut, forces_of, measured, sheared
 from stickslip.cli.app import app
 from stickslip.core.contacts.jacobian import linearise
 from stickslip.data.exchange.files import is_measured
+from stickslip.data.exchange.force_network import MeasuredForces
 
 
 @pytest.fixture(scope="module")
@@ -251,3 +254,15 @@ def test_a_grain_with_one_contact_is_named():
     )
     with pytest.raises(ValueError, match=r"the largest imbalance is .* at grain 1:"):
         ss.packings.from_forces(corner, ss.laws.linear(1e3, mu=0.1))
+
+
+def test_a_contact_of_little_force_is_balanced_in_few_steps():
+    """The overlap of Hertz varies with F^(2/3): steps that keep their direction shrink slowly unless they are doubled.
+
+    The file has 40 disks of the benchmark `measured_forces` with errors of 1 % of a radius and 10 % of the mean force.
+    """
+    with np.load(Path(__file__).with_name("weak_force.npz")) as arrays:
+        network = MeasuredForces(**arrays, notes=[])
+    out, change = ss.packings.from_forces(network, LAW)
+    assert not change.opened and change.chi_square == pytest.approx(132.84, abs=0.01)
+    assert ss.stability(out, LAW).residual < 1e-9

@@ -22,10 +22,9 @@ from ..data.sample import PackingError, from_arrays, law_note, naming, with_one_
 from ..solve.inversion import nearest_point, overlap_of_force, slip_of_force
 
 STEPS, SETTLED = 100, 1e-8  # linearisations, and largest last change over the errors
-FALLS, SHORTEST = (
-    0.7,
-    1 / 4,
-)  # a step longer than this fraction of the last one halves all later ones, down to a quarter
+# a step longer than this fraction of the last one changes all later ones: they are halved, down to a quarter, if it
+# turns back, and doubled, up to four times, if it goes on
+FALLS, SHORTEST, LONGEST = 0.7, 1 / 4, 4.0
 LEAST_ERROR = 1e-5  # smallest estimated error over the mean radius or force
 FAR, NEAR = 5.0, 8.0  # errors beyond which a measurement is impossible, and within which grains may touch
 OPENS, APART = 1e-6, 1e-9  # force of an open contact over the mean force, and its gap over the mean radius
@@ -184,17 +183,18 @@ class _Network(NamedTuple):
 
     def solve(self) -> tuple[np.ndarray, int]:
         """(D (N + C),) smallest balancing change, and the number of equations and active inequalities."""
-        change, share, size, bent = self.start, 1.0, np.inf, None
+        change, share, size, bent, step = self.start, 1.0, np.inf, None, np.zeros(len(self.start))
         for _ in range(STEPS):
             nearest = nearest_point(*self.linearised(change), bent, change)
             if nearest is None:
                 raise PackingError(self._reason())
-            step, last = nearest.point - change, size
+            former, step, last = step, nearest.point - change, size
             moves = np.where(self.bearing(nearest.point), np.abs(step), 0.0)
             size = float(moves.max())
             if size < SETTLED:
                 return nearest.point, nearest.binding
-            share = max(share / 2, SHORTEST) if size > FALLS * last else share
+            if size > FALLS * last:
+                share = min(2 * share, LONGEST) if former @ step > 0 else max(share / 2, SHORTEST)
             change = change + share * step
             bent = self.curvature(change, nearest.pushes) if self.measured.dim == 3 else None
         raise PackingError(
