@@ -124,11 +124,6 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
         law = file_law or law_from_options(given)
         state, change = from_forces(measured, law)
     notes = [*measured.notes, str(change), mass_note(path.name)] + ([] if options else [law_note(law)])
-    as_given, opposite = (np.linalg.norm(_imbalance(measured, sign)[measured.free]) for sign in (1.0, -1.0))
-    if measured.dim == 2 and opposite < as_given / 2:
-        notes.append(
-            "forces balance better with the opposite sign of ft, which is positive if it turns grains from x to y"
-        )
     return Reading(with_inertia(state, i0), law, with_one_account(notes))
 
 
@@ -437,10 +432,10 @@ def _sums(m: MeasuredForces):
     return sparse.csr_array(sparse.kron(both, sparse.eye_array(1 if m.dim == 2 else 3)))
 
 
-def _imbalance(m: MeasuredForces, sign: float = 1.0) -> np.ndarray:
-    """(N, 3 or 6) sums of forces and torque/R on every grain, as measured or with the opposite tangential forces."""
+def _imbalance(m: MeasuredForces) -> np.ndarray:
+    """(N, 3 or 6) sums of measured forces and torque/R on every grain."""
     to, n = _Directions.of(m, m.position), len(m.radius)
-    force_t = sign * _components(m, to)
+    force_t = _components(m, to)
     force = _differences(m.ends, m.dim, n).T @ to.total(m.force_n, force_t).ravel()
     return np.column_stack([force.reshape(-1, m.dim) + m.load, (_sums(m) @ to.torque(force_t).ravel()).reshape(n, -1)])
 

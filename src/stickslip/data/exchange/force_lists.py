@@ -20,8 +20,6 @@ WIDEST = 1.0  # gap or overlap of grains in contact, over the smaller radius
 FAR = 5.0  # errors beyond which a measurement is impossible
 OPPOSITE = 0.05  # remaining fraction of the mean square below which both readings of contacts count as opposite
 FEW = 0.1  # largest fraction of contacts that may pull if errors are unknown
-SLIGHT = 0.01  # mean tangential over mean normal force below which their sign has no effect
-CLEAR = 1.2  # ratio of two imbalances above which the smaller one shows the sign of tangential forces
 SIGNED = 10  # number of tangential forces whose common sign is unlikely to be chance
 NAMELESS_GRAINS = {
     3: ["x", "y", "radius"], 4: ["x", "y", "z", "radius"], 5: ["id", "x", "y", "radius", "edge"],
@@ -285,7 +283,6 @@ def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[
     network = _pressing(contacts, _averaged(contacts, forces, ends, position, ids, notes), ids, notes)
     network = _near(contacts, network, position, radius, notes)
     _note_doubts(contacts, network, notes)
-    _note_sign(contacts, network, position, load, ~held, notes)
     return Lists(network | {
         "position": position, "radius": radius, "held": np.flatnonzero(held), "ids": ids, "load": load,
         "position_error": grains.get("positionerror", np.nan),
@@ -460,33 +457,3 @@ def _note_doubts(contacts: Path, network: dict, notes: list[str]) -> None:
             f"all tangential forces in {contacts.name} have the same sign, so that torques on grains cannot balance: "
             "ft is positive if it turns both grains from x to y, negative otherwise"
         )
-
-
-def _note_sign(
-    contacts: Path, network: dict, place: np.ndarray, load: np.ndarray, free: np.ndarray, notes: list[str]
-) -> None:  # fmt: skip
-    """Note if forces on free grains balance better, or no worse, with the opposite sign of tangential forces."""
-    i, j, along, across = (network[name] for name in ("pair_i", "pair_j", "force_n", "force_t"))
-    inner = free & (np.bincount(np.concatenate([i, j]), minlength=len(free)) > 1)
-    if across.ndim > 1 or not inner.any() or np.abs(across).mean() < SLIGHT * along.mean():
-        return
-    normal = place[i] - place[j]
-    normal = normal / np.linalg.norm(normal, axis=1)[:, None]
-    turned = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
-
-    def rest(sign: float) -> float:
-        total, force = load.copy(), along[:, None] * normal + sign * across[:, None] * turned
-        np.add.at(total, i, force)
-        np.add.at(total, j, -force)
-        return float(np.sqrt((total[inner] ** 2).sum(axis=1).mean()) / along.mean())
-
-    given, opposite = rest(1.0), rest(-1.0)
-    if opposite > CLEAR * given:
-        return
-    told = f"the forces on free grains sum to {given:.3g} mean forces (rms), and to {opposite:.3g} with the opposite ft"
-    end = (
-        "they would balance better: ft must be positive if it turns both grains from x to y; change its sign if not"
-        if given > CLEAR * opposite
-        else "this does not show whether ft has the sign that is read, positive if it turns both grains from x to y"
-    )
-    notes.append(f"{contacts.name}: {told}; {end}")

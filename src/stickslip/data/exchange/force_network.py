@@ -15,6 +15,8 @@ from .content import only_state
 from .force_lists import NEEDED, WIDEST, frames_of_lists, read_lists
 
 SAID = 0.05  # gaps above which a note states their size
+SLIGHT = 0.01  # mean tangential over mean normal force below which their sign has no effect
+CLEAR = 1.2  # ratio of two imbalances above which the smaller one shows the sign of tangential forces
 PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
 
 
@@ -217,7 +219,8 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
         if contacts is not None:
             raise PackingError(f"{path.name} contains the contacts: leave out {contacts}")
         only_state(path, frame)
-        return _read_pegs(path)
+        measured = _read_pegs(path)
+        return measured._replace(notes=[*measured.notes, *_notes_on_sign(measured)])
     if contacts is None:
         raise PackingError(f"{path} has no forces: give the table of contacts as well, {' '.join(NEEDED)}")
     fields, notes = read_lists(path, Path(contacts), frame)
@@ -228,7 +231,35 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
         f"grains in contact have gaps of up to {gap.max():.2g} of a radius, with a median of {np.median(gap):.2g}: "
         "overlaps follow from the forces"
     )
-    return measured._replace(notes=[*notes, *([note] if gap.max() > SAID else [])])
+    return measured._replace(notes=[*notes, *([note] if gap.max() > SAID else []), *_notes_on_sign(measured)])
+
+
+def _notes_on_sign(m: MeasuredForces) -> list[str]:
+    """Note if forces on free disks balance better, or no worse, with the opposite sign of tangential forces."""
+    inner = m.free & (np.bincount(m.ends.ravel(), minlength=len(m.radius)) > 1)
+    mean = m.force_n.mean()
+    if m.dim == 3 or not inner.any() or np.abs(m.force_t).mean() < SLIGHT * mean:
+        return []
+    normal = unit_branches(m)
+    turned = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
+
+    def imbalance(sign: float) -> float:
+        """Root mean square of the sums of forces, in mean forces."""
+        total, force = m.load.copy(), m.force_n[:, None] * normal + sign * m.force_t[:, None] * turned
+        np.add.at(total, m.pair_i, force)
+        np.add.at(total, m.pair_j, -force)
+        return float(np.sqrt((total[inner] ** 2).sum(axis=1).mean()) / mean)
+
+    given, opposite = imbalance(1.0), imbalance(-1.0)
+    if opposite > CLEAR * given:
+        return []
+    end = (
+        "they would balance better: ft must be positive if it turns both grains from x to y; change its sign if not"
+        if given > CLEAR * opposite
+        else "this does not show whether ft has the sign that is read, positive if it turns both grains from x to y"
+    )
+    sums = f"{given:.3g} mean forces (rms), and to {opposite:.3g} with the opposite ft"
+    return [f"the forces on free grains sum to {sums}; {end}"]
 
 
 def _gaps(m: MeasuredForces) -> np.ndarray:

@@ -18,9 +18,7 @@ RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is t
 NEUTRAL = 1e-9  # stiffness below which a cluster rolls without resistance, over that of contacts
 ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
 RELAXATIONS = 20  # largest number of Newton steps of bonded rattlers
-RELAXED = (
-    1e-10  # unbalanced force of bonded rattlers over the stiffness of bonds and the radius; cutoff of rigid motions
-)
+RELAXED = 1e-10  # unbalanced force of bonded rattlers over stiffness and radius; cutoff of rigid motions
 AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
 RANK = 1e-10  # share of the largest pivot of the rates that bonds forbid, below which one of them is redundant
 CHECKED_UP_TO = 2500  # coordinates up to which the stability of a state is checked
