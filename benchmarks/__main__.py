@@ -48,7 +48,7 @@ def run(name: str, *words: str, smallest: bool = False, store: bool = False) -> 
     """Run a benchmark and print its rows; store its numbers if requested."""
     for room in BENCHMARKS[name].rooms if store else ():
         records.fingerprint(room)  # raises for a missing room before anything is measured
-    found, lines, start = {}, [], sum(os.times()[:4])
+    found, lines, start = {}, [], os.times()
     for row in rows(name, *words, smallest=smallest):
         console.print(row if isinstance(row, str) else line(row), markup=False, highlight=False, soft_wrap=True)
         if isinstance(row, str):
@@ -57,8 +57,10 @@ def run(name: str, *words: str, smallest: bool = False, store: bool = False) -> 
             found |= records.measured(row)
     if store:
         command = " ".join(["python -m benchmarks", name, *words])
-        seconds = sum(os.times()[:4]) - start  # processor time, including other processes
-        path = records.store(name, command, BENCHMARKS[name].rooms, found, seconds, lines)
+        spent = [end - begin for end, begin in zip(os.times()[:4], start, strict=False)]
+        alone = sum(spent[2:]) < 0.1  # processes that ran for longer may have imported other modules
+        modules = records.imported(BENCHMARKS[name].rooms) if alone else None
+        path = records.store(name, command, BENCHMARKS[name].rooms, found, sum(spent), lines, modules)
         console.print(*(f"Written: {one.relative_to(records.ROOT)}" for one in (path, *records.write())), sep="\n")
 
 

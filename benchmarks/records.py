@@ -12,6 +12,7 @@ stored as a hash; text after `<!-- written by python -m benchmarks NAME -->` is 
 """
 
 import argparse
+import ast
 import hashlib
 import json
 import math
@@ -34,7 +35,7 @@ ROOT = Path(__file__).parents[1]
 CODE = {".py", ".cpp", ".h", ".cu"}
 LINK = re.compile(r'\[([^\]]*)\]\(((?:[\w./]*/)?numbers\.md)#([\w-]+) "([^"]+)"\)')
 BLOCK = re.compile(r"<!-- (measured by|written by python -m benchmarks) (\w+)[^>]*-->(.*?)<!-- end -->", re.S)
-COMMON = ("command", "commit", "date", "processor", "rooms")
+COMMON = ("command", "commit", "date", "processor", "rooms", "modules")
 NOT_RECORDED = "not recorded"  # processor of a number that is older than these records
 DIGITS = 2  # significant digits, unless an entry states others
 console = Console()
@@ -42,26 +43,83 @@ console = Console()
 
 @cache
 def _code(path: Path, _modified: int) -> str:
-    """Text of a source file without comments, docstrings and blank lines; indentation is kept only in Python."""
+    """Text of a source file without comments and spaces; in Python also without docstrings, messages and local names."""
     text = path.read_text(encoding="utf-8")
-    if path.suffix != ".py":
-        return " ".join(re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.S).split())
-    text = re.sub(r'(^[ \t]*)?""".*?"""', lambda m: m[0] if m[1] is None else "", text, flags=re.M | re.S)
-    lines = (re.sub(r"(?:^|\s)\s*#(?: |:|!).*", "", line).rstrip() for line in text.splitlines())
-    return "\n".join(filter(None, lines))
+    if path.suffix == ".py":
+        return _plain(_WithoutWords().visit(ast.parse(text)))
+    return " ".join(re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.S).split())
 
 
-def fingerprint(room: str, root: Path = ROOT) -> str:
-    """Hash of the code of a room (a folder or file of `src/stickslip`), without comments and docstrings."""
+class _WithoutWords(ast.NodeTransformer):
+    """Remove docstrings and the messages of errors, and number the local variables of functions."""
+
+    local: dict[str, str] | None = None  # of the outermost function
+
+    def _with_body(self, node):
+        if ast.get_docstring(node, clean=False) is not None:
+            node.body = node.body[1:]
+        return self.generic_visit(node)
+
+    visit_Module = visit_ClassDef = _with_body
+
+    def visit_FunctionDef(self, node):
+        if self.local is not None:
+            return self._with_body(node)
+        inner = list(ast.walk(node))
+        named = (one for one in inner if not isinstance(one, ast.Name | ast.Attribute | ast.keyword | ast.Constant))
+        fields = (value for one in named for _, value in ast.iter_fields(one))
+        fixed = {name for one in fields for name in (one if isinstance(one, list) else [one]) if isinstance(name, str)}
+        stored = [one.id for one in inner if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)]
+        self.local = {name: f"_{k}" for k, name in enumerate(dict.fromkeys(stored)) if name not in fixed}
+        self._with_body(node)
+        self.local = None
+        return node
+
+    def visit_Name(self, node):
+        node.id = (self.local or {}).get(node.id, node.id)
+        return node
+
+    def visit_Raise(self, node):
+        if isinstance(node.exc, ast.Call):
+            node.exc.args = [one for one in node.exc.args if not isinstance(one, ast.JoinedStr | ast.Constant)]
+        return self.generic_visit(node)
+
+
+def _plain(node) -> str:
+    """Syntax tree as text, the same for all versions of Python."""
+    if isinstance(node, list):
+        return f"[{' '.join(map(_plain, node))}]"
+    if not isinstance(node, ast.AST):
+        return repr(node)
+    parts = (f"{name}={_plain(one)}" for name, one in ast.iter_fields(node) if one not in (None, []))
+    return f"{type(node).__name__}({' '.join(parts)})"
+
+
+def fingerprint(room: str, root: Path = ROOT, modules: str | None = None) -> str:
+    """Hash of the code of a room (a folder or file of `src/stickslip`), without comments and docstrings.
+
+    With `modules`, separated by spaces, only these files of Python code are included.
+    """
     place = root / "src" / "stickslip" / room
     files = [place] if place.is_file() else [*place.rglob("*"), place.with_name(f"{place.name}.py")]
     code = sorted(path for path in files if path.is_file() and path.suffix in CODE and ".objects" not in path.parts)
     if not code:
         raise FileNotFoundError(f"src/stickslip has no room {room!r}")
+    if modules is not None:
+        used = {root / "src" / "stickslip" / name for name in modules.split()}
+        code = [path for path in code if path.suffix != ".py" or path in used]
     found = hashlib.sha256()
     for path in code:
         found.update(f"{path.relative_to(root)}\n{_code(path, path.stat().st_mtime_ns)}\n".encode())
     return found.hexdigest()[:12]
+
+
+def imported(rooms, root: Path = ROOT) -> str:
+    """Python files of some rooms that this process has imported, separated by spaces."""
+    package = root / "src" / "stickslip"
+    paths = (Path(file) for one in list(sys.modules.values()) if (file := getattr(one, "__file__", None)))
+    names = (path.relative_to(package).as_posix() for path in paths if package in path.parents)
+    return " ".join(sorted(name for name in names if any(f"{name}/".startswith((f"{r}/", f"{r}.py/")) for r in rooms)))
 
 
 def folder(root: Path = ROOT) -> Path:
@@ -76,16 +134,16 @@ def read(root: Path = ROOT) -> dict[str, dict]:
 
 def entries(record: dict) -> dict[str, dict]:
     """Entries of a record by key; each number inherits the common fields that it does not have itself."""
-    common = {key: record[key] for key in COMMON}
+    common = {key: record[key] for key in COMMON if key in record}
     return {key: common | one for key, one in record["values"].items()}
 
 
-def changed(rooms: dict[str, str | None], root: Path = ROOT) -> list[str]:
-    """Rooms whose measured code is different or unknown; missing rooms are marked."""
+def changed(entry: dict, root: Path = ROOT) -> list[str]:
+    """Rooms of a record or number whose measured code is different or unknown; missing rooms are marked."""
     out = []
-    for room, known in rooms.items():
+    for room, known in entry["rooms"].items():
         try:
-            out += [room] if known is None or known != fingerprint(room, root) else []
+            out += [room] if known != fingerprint(room, root, entry.get("modules")) else []
         except FileNotFoundError:
             out.append(f"{room} (no longer there)")
     return out
@@ -93,7 +151,7 @@ def changed(rooms: dict[str, str | None], root: Path = ROOT) -> list[str]:
 
 def stale(record: dict, root: Path = ROOT) -> dict[str, list[str]]:
     """Changed rooms of each outdated number, by key."""
-    found = {key: changed(one["rooms"], root) for key, one in entries(record).items()}
+    found = {key: changed(one, root) for key, one in entries(record).items()}
     return {key: rooms for key, rooms in found.items() if rooms}
 
 
@@ -125,22 +183,27 @@ def texts(name: str, root: Path = ROOT, *, kind: str = "") -> dict[str, dict]:
     return {key: {"text": hashlib.sha256("\n".join(bodies).encode()).hexdigest()[:12]} for key, bodies in found.items()}
 
 
-def store(name: str, command: str, rooms, values: dict[str, dict], seconds: float, lines=(), root: Path = ROOT) -> Path:
-    """Write the numbers and lines of a run; other numbers keep their dates, and all keep the digits shown."""
+def store(
+    name: str, command: str, rooms, values: dict[str, dict], seconds: float, lines=(), modules=None, root: Path = ROOT
+) -> Path:
+    """Write the numbers and lines of a run; other numbers keep their dates, and all keep the digits shown.
+
+    The numbers depend on `rooms`, and among the Python files there only on `modules`, unless that is None.
+    """
     path = folder(root) / f"{name}.json"
     values = values | texts(name, root, kind="written")
     old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"values": {}}
     common = {
         "command": command, "commit": commit(root),
         "date": datetime.now(UTC).date().isoformat(), "processor": processor(),
-        "rooms": {room: fingerprint(room, root) for room in rooms},
+        "rooms": {room: fingerprint(room, root, modules) for room in rooms}, "modules": modules,
     }  # fmt: skip
     kept = {}
     for key, one in (entries(old) if old["values"] else {}).items():
         if key in values:
             values[key] = {k: v for k, v in one.items() if k == "digits"} | values[key]
         else:
-            kept[key] = {k: v for k, v in one.items() if k not in common or v != common[k]}
+            kept[key] = {k: v for k, v in ({"modules": None} | one).items() if k not in common or v != common[k]}
     record = common | {"seconds": round(seconds, 1), "values": kept | values}
     record |= {"lines": list(lines)} if lines else {}
     return _save(path, record)
@@ -344,7 +407,7 @@ def main() -> None:
     ours = {  # other commands belong to users, or require transcription by hand
         name: records[name]["seconds"]
         for name in found
-        if records[name]["command"].startswith("python -m ") and changed(records[name]["rooms"])
+        if records[name]["command"].startswith("python -m ") and changed(records[name])
     }
     for name in affordable(ours, limit):
         console.print(f"[bold]{records[name]['command']}[/]")

@@ -1,5 +1,6 @@
 """Numbers in README and docs come from the store, and the store knows which of them are older than the code."""
 
+import importlib
 import json
 import re
 import tomllib
@@ -38,6 +39,7 @@ def write_code(tree, text: str, room="core") -> None:
         ('"""Doc."""\n\n\ndef f():\n    return 2\n', "solve", False),
         ('"""Another\n\ntext.\n"""\n\n\ndef f():  # why\n    """And here."""\n\n    return 1\n', "core", False),
         ('"""Doc."""\n\n\ndef f():\n    x = """text"""\n    return 1\n', "core", True),
+        ('def f():\n    if 0:\n        raise ValueError(f"{0}: text")\n    return 1\n', "core", True),
     ],
 )
 def test_a_number_is_older_than_a_room_whose_code_changed(tree, text, room, old):
@@ -45,6 +47,58 @@ def test_a_number_is_older_than_a_room_whose_code_changed(tree, text, room, old)
     write_code(tree, text, room)
     assert records.stale(records.read(tree)["speed"], tree) == ({"ratio": ["core"]} if old else {})
     assert bool(records.stale_in_readme(tree)) is old
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ('def f(n):\n    """Doc."""\n    b = n\n    raise ValueError(f"{b} is bad")\n', True),
+        ('def f(n):\n    a = n\n    raise ValueError("it is bad")  # why\n', True),
+        ('def f(n):\n    a = n\n    raise TypeError(f"{a}: text")\n', False),
+        ('def f(k):\n    a = k\n    raise ValueError(f"{a}: text")\n', False),  # users may write f(n=1)
+        ('def f(n):\n    a = 2 * n\n    raise ValueError(f"{a}: text")\n', False),
+        ('def f(n):\n    a = n\n    raise ValueError(f"{a}: text", a)\n', False),
+    ],
+)
+def test_messages_and_local_names_do_not_count(tree, text, same):
+    write_code(tree, 'def f(n):\n    a = n\n    raise ValueError(f"{a}: text")\n')
+    before = records.fingerprint("core", tree)
+    write_code(tree, text)
+    assert (records.fingerprint("core", tree) == before) is same
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("a, b = n\n    return a - b", "a, b = n\n    return b - a"),
+        ("a = b = n\n    return [c - a for c in b]", "a = b = n\n    return [c - b for c in b]"),
+        ("a = n\n    match n:\n        case (b, c): return b", "a = n\n    match n:\n        case (a, c): return a"),
+        ("global a\n    a = n", "global b\n    b = n"),
+    ],
+)
+def test_variables_that_are_exchanged_count(tree, one, other):
+    hashes = set()
+    for text in (one, other):
+        write_code(tree, f"def f(n):\n    {text}\n")
+        hashes.add(records.fingerprint("core", tree))
+    assert len(hashes) == 2
+
+
+def test_a_number_depends_only_on_the_modules_of_its_run(tree):
+    (tree / "src" / "stickslip" / "core" / "b.py").write_text("x = 1\n")
+    (tree / "src" / "stickslip" / "core" / "c.cpp").write_text("int x;\n")
+    values = {"ratio": {"value": 1.0, "unit": ""}}
+    records.store("speed", "c", ["core"], values, 1.0, modules="core/a.py", root=tree)
+    (tree / "src" / "stickslip" / "core" / "b.py").write_text("x = 2\n")
+    assert records.stale(records.read(tree)["speed"], tree) == {}
+    (tree / "src" / "stickslip" / "core" / "c.cpp").write_text("long x;\n")
+    assert records.stale(records.read(tree)["speed"], tree) == {"ratio": ["core"]}
+    records.store("speed", "c", ["core"], values, 1.0, modules="core/a.py", root=tree)
+    write_code(tree, "x = 1\n")
+    assert records.stale(records.read(tree)["speed"], tree) == {"ratio": ["core"]}
+    importlib.import_module("stickslip.solve.birth")
+    found = records.imported(["core", "solve/birth", "solve/inver"]).split()
+    assert {"core/state.py", "solve/birth.py"} <= {*found} and "solve/newton.py" not in found
 
 
 def test_comments_and_spaces_of_the_compiled_core_do_not_count(tree):
@@ -142,7 +196,7 @@ def test_records_are_of_commands_that_exist():
     for name, record in records.read().items():
         if record["command"].startswith("python -m benchmarks "):
             assert record["command"].split()[3] == name
-            gone = {room for room in records.changed(record["rooms"]) if "no longer there" in room}
+            gone = {room for room in records.changed(record) if "no longer there" in room}
             there = {room for room in record["rooms"] if not any(one.startswith(f"{room} (") for one in gone)}
             assert there == set(BENCHMARKS[name].rooms) if not gone else there <= set(BENCHMARKS[name].rooms), name
         for one in records.entries(record).values():
