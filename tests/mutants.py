@@ -5,7 +5,7 @@ found more than once, is an error of the list. `--record` runs the suite once an
 test. The tests of a fault are those that execute its statement. Without a record, they are the tests of the room of the
 file (see `rooms.py`); for the compiled core, those of `CORE`. The fastest tests run first, slow tests not at all.
 
-python -m tests.mutants [--record] [--room solve] [--sample 20] [--again] [--workers 2] [--check]
+python -m tests.mutants [--record] [--room solve] [--sample 20] [--again | --missing] [--workers 2] [--check]
 """
 
 import argparse
@@ -198,6 +198,7 @@ def main() -> None:
     parser.add_argument("--check", action="store_true", help="only check that every fault applies")
     parser.add_argument("--record", action="store_true", help="run the suite first, and store the lines of each test")
     parser.add_argument("--again", action="store_true", help="try the test first that noticed a fault the last time")
+    parser.add_argument("--missing", action="store_true", help="only faults that were not noticed so far, as after ctrl-C")
     given = parser.parse_args()
     chosen = [mutant for mutant in read() if given.room in (None, mutant.room)]
     for mutant in chosen:
@@ -208,9 +209,12 @@ def main() -> None:
         chosen = random.Random(given.seed).sample(chosen, min(given.sample, len(chosen)))
     if given.record:
         record()
-    before = {}
-    if given.again and RESULTS.exists():
+    before, found = {}, []
+    if (given.again or given.missing) and RESULTS.exists():
         before = {Mutant(**row): noticed for row in json.loads(RESULTS.read_text()) if (noticed := row.pop("noticed"))}
+    if given.missing:
+        found = [mutant._asdict() | {"noticed": before[mutant]} for mutant in chosen if mutant in before]
+        chosen = [mutant for mutant in chosen if mutant not in before]
     roots: SimpleQueue[Path] = SimpleQueue()
 
     def run(mutant: Mutant) -> str:
@@ -223,7 +227,6 @@ def main() -> None:
         finally:
             roots.put(root)
 
-    found = []
     with tempfile.TemporaryDirectory(prefix="mutants-") as name, ThreadPoolExecutor(given.workers) as pool:
         right = _copy(Path(name) / "right")
         for k in range(given.workers):

@@ -60,7 +60,7 @@ STYLE = {
     "ytick.direction": "in",
     "xtick.top": True,
     "ytick.right": True,
-    "axes.formatter.use_mathtext": True,
+    "axes.formatter.use_mathtext": False,  # tick labels without mathematics take a third less time
     "axes.prop_cycle": matplotlib.cycler(color=COLORS),
     "figure.constrained_layout.use": False,  # figures choose: matplotlib would otherwise add one when saving
     "pdf.fonttype": 42,  # TrueType: journals do not accept Type 3
