@@ -188,7 +188,8 @@ def store(
 ) -> Path:
     """Write the numbers and lines of a run; other numbers keep their dates, and all keep the digits shown.
 
-    The numbers depend on `rooms`, and among the Python files there only on `modules`, unless that is None.
+    The numbers depend on `rooms`, and among the Python files there only on `modules`, unless that is None. Page text
+    that was transcribed from the previous run gets the date of this one if both have the same numbers and lines.
     """
     path = folder(root) / f"{name}.json"
     values = values | texts(name, root, kind="written")
@@ -198,6 +199,9 @@ def store(
         "date": datetime.now(UTC).date().isoformat(), "processor": processor(),
         "rooms": {room: fingerprint(room, root, modules) for room in rooms}, "modules": modules,
     }  # fmt: skip
+    same = all(old["values"].get(key, {}) | one == old["values"].get(key) for key, one in values.items())
+    if same and old.get("lines", []) == list(lines):
+        values |= {key: one for key, one in old["values"].items() if one.keys() == {"text"}}
     kept = {}
     for key, one in (entries(old) if old["values"] else {}).items():
         if key in values:

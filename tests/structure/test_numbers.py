@@ -150,6 +150,16 @@ def test_text_that_was_transcribed_has_the_date_of_its_run(tree):
     assert "- text of [docs/page.md](page.md)" in records.overview(records.read(tree))
 
 
+@pytest.mark.parametrize(("value", "line", "old"), [(2.34, "a", False), (2.34, "b", True), (2.35, "a", True)])
+def test_transcribed_text_is_renewed_by_a_run_with_the_same_output(tree, value, line, old):
+    (tree / "docs" / "page.md").write_text("<!-- measured by speed -->\n\n| 1 |\n\n<!-- end -->\n")
+    records.store("speed", "c", ["core"], {"ratio": {"value": 2.34, "unit": ""}}, 1.0, ["a"], root=tree)
+    records.transcribed("speed", tree)
+    write_code(tree, "x = 1\n")
+    records.store("speed", "c", ["core"], {"ratio": {"value": value, "unit": ""}}, 1.0, [line], root=tree)
+    assert records.stale(records.read(tree)["speed"], tree) == ({"text of docs/page.md": ["core"]} if old else {})
+
+
 @pytest.mark.parametrize(
     ("one", "text"),
     [
