@@ -43,7 +43,7 @@ console = Console()
 
 @cache
 def _code(path: Path, _modified: int) -> str:
-    """Text of a source file without comments and spaces; in Python also without docstrings, messages and local names."""
+    """Text of a source file without comments and spaces; of Python also without docstrings, messages, local names."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
         return _plain(_WithoutWords().visit(ast.parse(text)))
@@ -60,7 +60,7 @@ class _WithoutWords(ast.NodeTransformer):
             node.body = node.body[1:]
         return self.generic_visit(node)
 
-    visit_Module = visit_ClassDef = _with_body
+    visit_Module = visit_ClassDef = _with_body  # noqa: N815 (names of Python's syntax)
 
     def visit_FunctionDef(self, node):
         if self.local is not None:

@@ -198,7 +198,7 @@ def main() -> None:
     parser.add_argument("--check", action="store_true", help="only check that every fault applies")
     parser.add_argument("--record", action="store_true", help="run the suite first, and store the lines of each test")
     parser.add_argument("--again", action="store_true", help="try the test first that noticed a fault the last time")
-    parser.add_argument("--missing", action="store_true", help="only faults that were not noticed so far, as after ctrl-C")
+    parser.add_argument("--missing", action="store_true", help="only faults not noticed so far, as after ctrl-C")
     given = parser.parse_args()
     chosen = [mutant for mutant in read() if given.room in (None, mutant.room)]
     for mutant in chosen:

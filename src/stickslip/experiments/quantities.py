@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy  # scipy.special is imported on first use, as this takes a tenth of a second
 
 from ..core.readable import words
 from ..core.tables import write_table
@@ -50,7 +50,7 @@ def estimate(values) -> Estimate:
     if n < 2:
         return Estimate(float(values.mean()) if n else NAN, NAN, NAN)
     scatter = float(values.std(ddof=1))
-    return Estimate(float(values.mean()), float(stdtrit(n - 1, 0.975)) * scatter / np.sqrt(n), scatter)
+    return Estimate(float(values.mean()), float(scipy.special.stdtrit(n - 1, 0.975)) * scatter / np.sqrt(n), scatter)
 
 
 def median(values) -> float:

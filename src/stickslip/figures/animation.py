@@ -9,7 +9,6 @@ from typing import Annotated
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from PIL import Image
-from scipy.interpolate import PchipInterpolator
 
 from ..core.arguments import Requirement, require_filled, require_shape
 from ..core.progress import Report, silent
@@ -193,6 +192,8 @@ def frames_between(frames: list[Frame], count: int) -> list[Frame]:
     ------
     Fritsch and Butland, doi:10.1137/0905021.
     """
+    from scipy.interpolate import PchipInterpolator  # slow to import
+
     times = np.array([frame.state.time for frame in frames], float)
     if not (np.diff(times) > 0).all():
         times = np.arange(len(frames), dtype=float)

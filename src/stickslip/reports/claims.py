@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy  # scipy.special is imported on first use, as this takes a tenth of a second
 
 REPRODUCED, PARTLY, NOT_REPRODUCED = "reproduced", "partly", "not reproduced"
 REFUTED, NOT_REFUTED = "refuted", "not refuted"
@@ -222,7 +222,7 @@ def standard_error(values) -> float | None:
     """
     if len(values) < 2:
         return None
-    return float(np.std(values, ddof=1) / np.sqrt(len(values)) * 0.5 * stdtrit(len(values) - 1, 0.975))
+    return float(np.std(values, ddof=1) / np.sqrt(len(values)) * 0.5 * scipy.special.stdtrit(len(values) - 1, 0.975))
 
 
 def median_error(values) -> float | None:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...builtin_laws import BUILTIN_LAWS
 from ...core.contacts.forces import FROZEN, accept, forces
@@ -243,6 +242,8 @@ def _list_bonds(
 
     LAMMPS stores the rest direction from the grain with the larger id, in the unrotated frame of that grain.
     """
+    from scipy.spatial.transform import Rotation  # slow to import
+
     low, high = np.sort(ends, axis=1).T
     _, once = np.unique(low * (high.max(initial=0) + 1) + high, return_index=True)
     bonds = list_bonds(source, ids, kind[once], ends[once], {})

@@ -5,9 +5,9 @@ experiments compare members: slip of sliders since an event, Mohr circles of soi
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from ... import __version__
 from ...core.arguments import checked
@@ -23,6 +23,9 @@ from ...figures.saving import FORMATS, PLAIN, Look, render_all
 from .axes import Axis, short_names
 from .definition import Sweep, member, values_of
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 DATASET = "sweep.nc"
 POINT, DRAW = "point", "draw"  # dimensions along which several axes, or the columns of a table, vary together
 LONGEST = 300  # saved length of a failure message [characters]
@@ -34,7 +37,7 @@ def is_sweep(folder: str | Path) -> bool:
 
 
 @checked
-def open_sweep(folder: str | Path, *, short: bool = False) -> xr.Dataset:
+def open_sweep(folder: str | Path, *, short: bool = False) -> "xr.Dataset":
     """Load the results of a sweep from its folder or file.
 
     In a grid without conditions, variables have a dimension for every swept key, and `draw` for a table of draws;
@@ -54,6 +57,8 @@ def open_sweep(folder: str | Path, *, short: bool = False) -> xr.Dataset:
     --------
     >>> open_sweep("results/sweep").final_friction.mean("seed")  # doctest: +SKIP
     """
+    import xarray as xr  # slow to import
+
     path = Path(folder)
     path = path / DATASET if path.is_dir() else path
     try:
@@ -78,8 +83,10 @@ def write_sweep(folder: Path, chosen: Sweep, names: list[str], outputs: list[dic
     write_file(folder, DATASET, bytes(build_dataset(chosen, names, outputs, failures).to_netcdf(engine="scipy")))
 
 
-def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], failures: list[str]) -> xr.Dataset:
+def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], failures: list[str]) -> "xr.Dataset":
     """Build the dataset of a sweep; arguments are those of `write_sweep`."""
+    import xarray as xr
+
     kind, dims, coordinates = scenario_class(chosen.base), [], {}
     for group in chosen.groups:
         alone = chosen.mode == "grid" or group[0].kind == "count"
