@@ -175,11 +175,13 @@ def commit(root: Path = ROOT) -> str:
 
 def texts(name: str, root: Path = ROOT, *, kind: str = "") -> dict[str, dict]:
     """Hashes of page text measured by a command, under the key `text of PAGE`; `kind` as in the marks."""
-    found: dict[str, list[str]] = {}
+    found: dict[str, list[str]] = {}  # without the numbers of links, which are written later
     for path in pages(root):
         for how, one, body in BLOCK.findall(path.read_text(encoding="utf-8")):
             if one == name and how.startswith(kind):
-                found.setdefault(f"text of {path.relative_to(root).as_posix()}", []).append(" ".join(body.split()))
+                found.setdefault(f"text of {path.relative_to(root).as_posix()}", []).append(
+                    " ".join(LINK.sub(r'[](\2#\3 "\4")', body).split())
+                )
     return {key: {"text": hashlib.sha256("\n".join(bodies).encode()).hexdigest()[:12]} for key, bodies in found.items()}
 
 
@@ -189,7 +191,8 @@ def store(
     """Write the numbers and lines of a run; other numbers keep their dates, and all keep the digits shown.
 
     The numbers depend on `rooms`, and among the Python files there only on `modules`, unless that is None. Page text
-    that was transcribed from the previous run gets the date of this one if both have the same numbers and lines.
+    that was transcribed from the previous run gets the date of this one if both have the same lines and numbers, except
+    times, which pages show as links.
     """
     path = folder(root) / f"{name}.json"
     values = values | texts(name, root, kind="written")
@@ -199,7 +202,8 @@ def store(
         "date": datetime.now(UTC).date().isoformat(), "processor": processor(),
         "rooms": {room: fingerprint(room, root, modules) for room in rooms}, "modules": modules,
     }  # fmt: skip
-    same = all(old["values"].get(key, {}) | one == old["values"].get(key) for key, one in values.items())
+    fixed = {key: one for key, one in values.items() if one.get("unit") != "s"}
+    same = all(old["values"].get(key, {}) | one == old["values"].get(key) for key, one in fixed.items())
     if same and old.get("lines", []) == list(lines):
         values |= {key: one for key, one in old["values"].items() if one.keys() == {"text"}}
     kept = {}

@@ -9,6 +9,8 @@ import numpy as np
 
 import stickslip as ss
 
+from .records import number
+
 METHODS = ("null-space", "pebbles")
 SIDE, SLIDING = 100, 0.3
 
@@ -23,24 +25,26 @@ def lattice(holes: float, law, across: int = SIDE):
     return state._replace(contacts=state.contacts._replace(mode=mode.astype(np.int8)))
 
 
-def report(name: str, state, law, more: str = ""):
-    """Lines with the results of both methods for a state."""
+def report(name: str, state, law, times: list, more: str = ""):
+    """Lines with the results of both methods for a state; their durations [s] are appended to `times`."""
     for method in METHODS:
         start = time.process_time()
         clusters = ss.quasirigid.rigid_clusters(state, law, method=method)
-        seconds = time.process_time() - start
+        times.append(time.process_time() - start)
+        hinges = np.count_nonzero(clusters.contact < 0)
         yield (
-            f"{name:>18} {method:>10} {seconds:5.2f} s: largest {clusters.sizes[:1]}, floppy {clusters.floppy}, "
-            f"redundant {clusters.redundant}, hinges {np.count_nonzero(clusters.contact < 0)}{more}"
+            f"{name:>18} {method:>10}: largest {clusters.sizes[:1]}, floppy {clusters.floppy}, "
+            f"redundant {clusters.redundant}, hinges {hinges}{more}"
         )
 
 
 def rows(*, smallest: bool = False):
     """Numbers for docs/quasi_rigid.md."""
     law = ss.laws.linear(kn=1.0, kt=0.5, mu=0.4)
-    across = 10 if smallest else SIDE
+    across, times = 10 if smallest else SIDE, []
     for holes in (0.1, 0.2, 0.3):
-        yield from report(f"{across}², {holes:.0%} holes", lattice(holes, law, across), law)
+        yield from report(f"{across}², {holes:.0%} holes", lattice(holes, law, across), law, times)
+    yield number("slowest decomposition of a lattice", max(times), "s")
     if smallest:
         return
     state, law = ss.packings.biaxial_box(150, seed=3)
@@ -50,4 +54,4 @@ def rows(*, smallest: bool = False):
     for point in [*path.points[:: max(1, len(path.points) // 10)], path.points[-1]]:
         values = ss.spectrum(point.state, law, modes=False).eigenvalues
         pairs = np.count_nonzero(values.imag > 1e-9 * np.abs(values).max())
-        yield from report(f"load {point.load:.3f}", point.state, law, f", complex pairs {pairs}")
+        yield from report(f"load {point.load:.3f}", point.state, law, times, f", complex pairs {pairs}")
