@@ -43,8 +43,8 @@ quick: $(STAMP)  ## run a fast subset of the tests during development: no slow f
 test-%: $(STAMP)  ## run the tests of one subpackage, for example test-solve
 	@files=$$($(BIN)/python -m tests.rooms $*) && $(BIN)/python -m pytest -n 2 --dist loadfile $$files
 
-mutants: $(STAMP)  ## put stored faults into copies of the tree, and print the share that tests notice; hours
-	$(BIN)/python -m tests.mutants
+mutants: $(STAMP)  ## put stored faults into copies of the tree, and print the share that tests notice; hours (MISSING=1: only those not noticed so far)
+	$(BIN)/python -m tests.mutants $(if $(MISSING),--missing)
 
 slow: $(DOCS)  ## run the slow tests, hours, and store their durations; with SHARD=3/8 the third of eight parts
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m slow --store-durations $(if $(SHARD),--shard $(SHARD))

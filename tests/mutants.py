@@ -3,9 +3,10 @@
 The faults are in mutants.toml. Each names a file, the text of a line, and the faulty line; a line that is not found, or
 found more than once, is an error of the list. `--record` runs the suite once and stores the lines executed by each
 test. The tests of a fault are those that execute its statement. Without a record, they are the tests of the room of the
-file (see `rooms.py`); for the compiled core, those of `CORE`. The fastest tests run first, slow tests not at all.
+file (see `rooms.py`); for the compiled core, those of `CORE`. The test that noticed a fault the last time, which is
+stored in mutants.json, runs before all others, then the fastest; slow tests not at all.
 
-python -m tests.mutants [--record] [--room solve] [--sample 20] [--again | --missing] [--workers 2] [--check]
+python -m tests.mutants [--record] [--room solve] [--sample 20] [--missing] [--workers 2] [--check]
 """
 
 import argparse
@@ -31,8 +32,8 @@ from stickslip._core import build
 from tests import rooms
 
 ROOT = rooms.ROOT
-LIST, RESULTS = Path(__file__).with_name("mutants.toml"), ROOT / "results" / "mutants.json"
-RECORD = RESULTS.with_suffix(".coverage")
+LIST, RESULTS = Path(__file__).with_name("mutants.toml"), Path(__file__).with_name("mutants.json")
+RECORD = ROOT / "results" / "mutants.coverage"
 CORE = (  # folders with tests of the compiled core; those most likely to notice a fault come first
     ("tests/derivatives", "tests/laws", "tests/orders", "tests/device", "tests/properties", "tests/wings/faults"),
     ("tests/unit",),
@@ -49,6 +50,11 @@ class Mutant(NamedTuple):
     was: str  # text of the line, without leading space
     now: str
     why: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name in the stored results."""
+        return f"{self.file}: {self.was} → {self.now}"
 
     @property
     def room(self) -> str:
@@ -197,7 +203,6 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--check", action="store_true", help="only check that every fault applies")
     parser.add_argument("--record", action="store_true", help="run the suite first, and store the lines of each test")
-    parser.add_argument("--again", action="store_true", help="try the test first that noticed a fault the last time")
     parser.add_argument("--missing", action="store_true", help="only faults not noticed so far, as after ctrl-C")
     given = parser.parse_args()
     chosen = [mutant for mutant in read() if given.room in (None, mutant.room)]
@@ -209,18 +214,14 @@ def main() -> None:
         chosen = random.Random(given.seed).sample(chosen, min(given.sample, len(chosen)))
     if given.record:
         record()
-    before, found = {}, []
-    if (given.again or given.missing) and RESULTS.exists():
-        before = {Mutant(**row): noticed for row in json.loads(RESULTS.read_text()) if (noticed := row.pop("noticed"))}
-    if given.missing:
-        found = [mutant._asdict() | {"noticed": before[mutant]} for mutant in chosen if mutant in before]
-        chosen = [mutant for mutant in chosen if mutant not in before]
+    known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    left = [mutant for mutant in chosen if not (given.missing and known.get(mutant.name))]
     roots: SimpleQueue[Path] = SimpleQueue()
 
     def run(mutant: Mutant) -> str:
         root = roots.get()
         try:
-            last = before.get(mutant, "")
+            last = known.get(mutant.name, "")
             if "::" in last and "::" in (noticed := is_noticed(mutant, root, [[last]], right)):
                 return noticed
             return is_noticed(mutant, root, tests_of(mutant), right)
@@ -231,13 +232,12 @@ def main() -> None:
         right = _copy(Path(name) / "right")
         for k in range(given.workers):
             roots.put(_copy(Path(name) / str(k)))
-        for mutant, noticed in zip(chosen, pool.map(run, chosen), strict=True):
-            found.append(mutant._asdict() | {"noticed": noticed})
+        for mutant, noticed in zip(left, pool.map(run, left), strict=True):
+            known[mutant.name] = noticed
             print(f"{'noticed' if noticed else 'MISSED '}  {mutant.file}: {mutant.now}  {noticed}", flush=True)
-            RESULTS.parent.mkdir(exist_ok=True)
-            RESULTS.write_text(json.dumps(found, indent=1))
-    share = sum(bool(row["noticed"]) for row in found) / max(1, len(found))
-    print(f"{share:.1%} of {len(found)} faults are noticed")
+            RESULTS.write_text(json.dumps(dict(sorted(known.items())), indent=1, ensure_ascii=False) + "\n", "utf-8")
+    share = sum(bool(known[mutant.name]) for mutant in chosen) / max(1, len(chosen))
+    print(f"{share:.1%} of {len(chosen)} faults are noticed")
     return None
 
 
