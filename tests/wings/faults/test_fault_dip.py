@@ -184,9 +184,7 @@ def test_displacement_of_the_surface(dip):
 # ---- faults
 
 
-@pytest.mark.parametrize(
-    ("slip", "alpha"), [pytest.param("normal", 0.0, marks=pytest.mark.slow), ("thrust", 0.2)]
-)
+@pytest.mark.parametrize(("slip", "alpha"), [pytest.param("normal", 0.0, marks=pytest.mark.slow), ("thrust", 0.2)])
 def test_another_integration_through_an_earthquake(slip, alpha):
     """Dense kernels, and θ' = 1 − Vθ/D_c − (α/b) θ σ'/σ as written, by SciPy."""
     fault = small(slip=slip, alpha=alpha)
