@@ -86,9 +86,8 @@ def test_a_pushed_block_slides_at_twice_mu_times_the_normal_force():
     assert back.points[-1].state.grains.position[0, 0] == pytest.approx(0, abs=1e-15)
 
 
-# 3 s: the path with three increments
 def test_the_path_converges_with_the_increment():
-    coarse, fine, finest = map(pressed, (0.04, 0.02, 0.01))
+    coarse, fine, finest = map(pressed, (0.08, 0.04, 0.02))
     assert finest.verdict in (Verdict.UNSTABLE, Verdict.CONSISTENT)
     for path in (coarse, fine):
         assert path.points[-1].load == pytest.approx(finest.points[-1].load, rel=1e-3)
@@ -194,15 +193,15 @@ def test_wrong_starts_give_a_one_sentence_error(boxed):
 
 
 def holds_everywhere(path):
-    """Check that every point balances and lies in the cone, and that events stand in the order of their loads."""
+    """Check that every point balances, that every third lies in the cone, and that events stand in their order."""
     loads = [e.load for e in path.events]
     assert loads == sorted(loads)
-    for point in path.points:
+    assert max(point.residual for point in path.points) < OUT_OF_BALANCE
+    for point in path.points[::-3]:
         m = ss.quasirigid.linear_system(point.state, path.law)
         # the cone is left by what turns within an increment, and by the forces of contacts at the apex
         assert (m.margin > -OUT_OF_BALANCE * m.force[:, 0].mean()).all()
         assert (m.force[:, 0] >= 0).all()
-        assert point.residual < OUT_OF_BALANCE
 
 
 def ends_alike(paths):
