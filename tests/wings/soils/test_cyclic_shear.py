@@ -127,7 +127,7 @@ def test_only_the_imposed_stress_stays_constant(spheres):
 def test_the_ledger_closes_the_area_of_a_loop_in_which_grains_rearrange(spheres):
     """In two parts: the balance of the ledger itself, and the trapezia of the loop, whose error falls with the step."""
     left = []
-    for steps in (12, 36):
+    for steps in (12, 48):
         response = responses(rig(spheres, steps), 5e-3, 1)
         assert response.rearranged.sum() > 3
         loop = measures.Loop(response, 0)
