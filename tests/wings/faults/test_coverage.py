@@ -25,16 +25,16 @@ def share(estimates):
     return np.mean(hits)
 
 
-@pytest.mark.timeout(180)  # 30 fits, some 2 s on an idle core
+@pytest.mark.timeout(180)  # 20 fits, some 2 s on an idle core
 def test_intervals_hold_the_truth_with_slow_noise():
-    """30 records, noise of neighbours correlated by 0.8: 2.5 % is about one deviation.
+    """20 records, noise of neighbours correlated by 0.8: 3 % is about one deviation.
 
     Intervals that ignore the correlation are a third as wide and hold half; the filter of what a fit leaves over is
     near 0.73.
     """
-    estimates = list(fits("aging", STEPS, 0.8, 30, 0))
+    estimates = list(fits("aging", STEPS, 0.8, 20, 0))
     assert 0.90 <= share(estimates) <= 0.99
-    # the mean's error is √((1 − 0.8²)/235)/√30 = 0.007; the method of Yule and Walker has a bias of −4φ/235
+    # the mean's error is √((1 − 0.8²)/235)/√20 = 0.009; the method of Yule and Walker has a bias of −4φ/235
     assert np.mean([estimate.noise.sum() for estimate in estimates]) == pytest.approx(0.8 - 0.014, abs=0.02)
 
 

@@ -13,6 +13,7 @@ from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, r
 from stickslip.friction import fault_dataset
 from stickslip.kit import ArchiveError
 from stickslip.reports.page import write_page
+from stickslip.runs import folder as run_folder
 from stickslip.runs.folder import write_result
 from stickslip.runs.page import folder_content
 from stickslip.wings.faults.fault import report
@@ -34,26 +35,33 @@ a = [[2000, 0.010], [3000, 0.025]]
 dc = 1.5e-3
 normal = 10e6
 [run]
-years = 60.0
+years = 40.0
 stations = [0.0, 1500.0]
 """
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    place = tmp_path_factory.mktemp("fault")
+def ran(tmp_path_factory):
+    """Folder of a run, and the result that the command wrote there."""
+    place, results, write = tmp_path_factory.mktemp("fault"), [], write_result
     (place / "small.toml").write_text(SMALL)
     with pytest.MonkeyPatch.context() as now:
         now.setattr(Figure, "savefig", save_noise)  # the figures of faults are drawn in test_axes_of_figures.py
+        now.setattr(run_folder, "write_result", lambda *given: (results.append(given[2]), write(*given))[1])
         run = stickslip("run", place / "small.toml", "--out", place / "out")
     assert run.returncode == 0, run.stderr
     assert "earthquakes can nucleate" in " ".join(run.stdout.split())
-    return place / "out"
+    return place / "out", results[0]
 
 
 @pytest.fixture(scope="module")
-def result(folder):
-    return ss.simulate(read_scenario(folder / "scenario.json"))
+def folder(ran):
+    return ran[0]
+
+
+@pytest.fixture(scope="module")
+def result(ran):
+    return ran[1]
 
 
 def test_parts_and_states_of_the_earlier_kernel_are_refused(tmp_path, monkeypatch):
@@ -136,7 +144,7 @@ def test_the_dataset(folder, result):
 
 def test_a_stopped_run_continues_bit_for_bit(result, tmp_path, monkeypatch):
     chosen, true = result.scenario, room.simulate_fault
-    monkeypatch.setattr(room, "PART", 25.0)  # the other run had one part of fifty years
+    monkeypatch.setattr(room, "PART", 15.0)  # the other run had one part
 
     def stopped(fault, years, **more):
         if years > room.PART:
@@ -149,7 +157,7 @@ def test_a_stopped_run_continues_bit_for_bit(result, tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(room, "simulate_fault", lambda *args, **more: calls.append(args[1]) or true(*args, **more))
     again = ss.simulate(chosen, folder=tmp_path)
-    assert calls == [50.0, 60.0]  # the first years were loaded
+    assert calls == [30.0, 40.0]  # the first years were loaded
     for name in ("time", "slip", "stress", "profile_slip", "max_velocity"):
         assert np.array_equal(getattr(again.history, name), getattr(result.history, name))
     assert np.array_equal(again.history.state.excess_slip, result.history.state.excess_slip)
@@ -172,7 +180,7 @@ def test_steps_have_the_tolerance_of_the_scenario(result, monkeypatch):
 
 def test_two_states_in_files_and_datasets(tmp_path, monkeypatch):
     two = 'law = "slip"\nb = 0.012\nb2 = 0.004\ndc2 = 5e-3'
-    (tmp_path / "s.toml").write_text(SMALL.replace("[friction]", f"[friction]\n{two}").replace("60.0", "8.0"))
+    (tmp_path / "s.toml").write_text(SMALL.replace("[friction]", f"[friction]\n{two}").replace("40.0", "8.0"))
     monkeypatch.setattr(room, "PART", 3.0)
     out, chosen = tmp_path / "out", read_scenario(tmp_path / "s.toml")
     assert ss.simulate(chosen, folder=out).history.fault.states == 2
@@ -189,7 +197,7 @@ def test_two_states_in_files_and_datasets(tmp_path, monkeypatch):
 
 def test_a_fault_without_events_says_so_everywhere(tmp_path, capsys):
     """On the terminal, in the figure and on the page, which has no packing and no time series of depths."""
-    (tmp_path / "s.toml").write_text(SMALL.replace("years = 60.0", "years = 1.5"))
+    (tmp_path / "s.toml").write_text(SMALL.replace("years = 40.0", "years = 1.5"))
     result = ss.simulate(read_scenario(tmp_path / "s.toml"))
     said = "There was no event in 1.56 years: no slip velocity reached 0.001 m/s."
     EXPERIMENTS["fault"].show(result)
@@ -272,7 +280,7 @@ def test_bad_scenarios_are_refused_with_one_sentence(change, message):
 
 
 def test_a_fault_that_cannot_nucleate_says_so(tmp_path):
-    (tmp_path / "s.toml").write_text(SMALL.replace("years = 60.0", "years = 5.0").replace("0.010", "0.020"))
+    (tmp_path / "s.toml").write_text(SMALL.replace("years = 40.0", "years = 5.0").replace("0.010", "0.020"))
     run = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
     assert run.returncode == 0, run.stderr
     assert "no earthquake can nucleate: the fault is velocity-strengthening" in " ".join(run.stdout.split())

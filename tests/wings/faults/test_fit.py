@@ -43,7 +43,7 @@ def record(legs, rs=PAPER, noise=0.0, rho=0.0, seed=0, number=100, **options):
 
 
 @pytest.mark.parametrize("law", ["aging", "slip"])
-@pytest.mark.parametrize("legs", [STEP, STEPS, HOLDS], ids=["step", "steps", "holds"])
+@pytest.mark.parametrize("legs", [STEP, HOLDS], ids=["step", "holds"])
 @pytest.mark.parametrize("free", [(), ("stiffness", "trend")], ids=["k-fixed", "k-free"])
 def test_exact_data_give_exact_parameters(law, legs, free):
     fixed = {"v0": 0.02} | ({} if free else {"stiffness": STIFFNESS})
@@ -149,8 +149,8 @@ def test_a_comparison_is_made_of_likelihoods_sample_by_sample():
 
 
 def test_intervals_of_the_level_hold_it_in_95_of_100_records():
-    """250 records of 24 samples: a standard deviation of 1.4 %. Intervals that are 1/√2 as wide hold 83 %."""
-    clean, hits, count = record(STEP, number=12), 0, 250
+    """150 records of 24 samples: a standard deviation of 1.8 %. Intervals that are 1/√2 as wide hold 83 %."""
+    clean, hits, count = record(STEP, number=12), 0, 150
     for k in range(count):
         noise = 1e-3 * correlated(k, len(clean.time), 0.0)
         best = fit(clean._replace(friction=clean.friction + noise), law="slip", fixed=KNOWN, noise="white")
@@ -160,13 +160,13 @@ def test_intervals_of_the_level_hold_it_in_95_of_100_records():
 
 
 def test_intervals_of_all_parameters_together_hold_the_truth_in_95_of_100_records():
-    """Pooled: 40 records of white noise, five intervals each; 1.5 % is one deviation if they are independent.
+    """Pooled: 24 records of white noise, five intervals each; 2.0 % is one deviation if they are independent.
 
     Intervals that are 1/√2 as wide hold 83 %, and those that are √2 as wide 99.4 %.
     """
-    hits = coverage("slip", STEPS, 0.0, (), 40, seed=0)
+    hits = coverage("slip", STEPS, 0.0, (), 24, seed=0)
     assert len(hits) == 5
-    assert 0.91 <= sum(hits.values()) / (40 * len(hits)) <= 0.99
+    assert 0.91 <= sum(hits.values()) / (24 * len(hits)) <= 0.99
 
 
 @pytest.mark.slow

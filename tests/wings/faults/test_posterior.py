@@ -60,8 +60,8 @@ def test_percentiles_are_those_of_a_grid():
     case, n, m = prepare(data), 60, 2
     least = np.sum(sampled.fit.residuals[0] ** 2)
     axes = [np.linspace(*(np.log(sampled.fit.values[name]) + s * sampled.fit.errors[name] / sampled.fit.values[name]
-                          for s in (-8, 8)), 60) for name in ("b", "dc")]  # fmt: skip
-    density = np.zeros((60, 60))
+                          for s in (-6, 6)), 44) for name in ("b", "dc")]  # fmt: skip
+    density = np.zeros((44, 44))
     for i, b in enumerate(np.exp(axes[0])):
         for j, dc in enumerate(np.exp(axes[1])):
             values = {"v0": 1e-6, "stiffness": 1.0, "damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, **known}

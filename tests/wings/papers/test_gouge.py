@@ -42,6 +42,7 @@ LAW = {"damping_n": 1e4}
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
 STEPS = {"kind": "velocity-steps", "velocities": [0.3, 0.1], "slip": 1.0}
 HOLDS = {"kind": "slide-hold-slide", "before": [0.3], "holds": [1e-2]}
+BRIEF = {"slip": 0.05, "steady": False, "approach": 10.0, "unbalanced": 0.03}  # the shortest preparation
 INTERVAL = 50 * 4e-7  # of samples [s]
 pytestmark = pytest.mark.timeout(600)  # 2 s of processor time have taken 42 s on a machine with other work
 Test.__test__ = False  # not a test of pytest's
@@ -80,8 +81,7 @@ def ran(tmp_path_factory):
 def test_a_batch_gives_the_realizations_of_single_runs(monkeypatch, tmp_path):
     monkeypatch.setattr(device, "open_device", lambda name: Processor())
     hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (2e-4,), "approach": 0.05, "slip": 0.05}
-    preparation = {"slip": 0.05, "steady": False, "approach": 10.0, "unbalanced": 0.03}
-    scenario = small(realizations=2, preparation=preparation, protocol=[hold], ledger_steps=0)
+    scenario = small(realizations=2, preparation=BRIEF, protocol=[hold], ledger_steps=0)
     told = []
     result = simulate_gouge(scenario, folder=tmp_path, device="cuda", report=lambda *said: told.append(said))
     assert not result.failures, result.failures
@@ -110,7 +110,7 @@ def test_a_device_that_cannot_run_is_refused_in_one_sentence(monkeypatch):
 
 def test_a_leg_continues_from_pieces_of_another_length(tmp_path):
     """Pieces are longer on a device, on which an interrupted run may be resumed."""
-    scenario = small(preparation={"slip": 0.05, "steady": False, "approach": 10.0, "unbalanced": 0.03})
+    scenario = small(preparation=BRIEF)
     gouge, seconds = settled(), 11 * scenario.sample_every * scenario.dt
     kept = Checkpoint(tmp_path, scenario.text, (Gouge, Series))
 
@@ -283,9 +283,9 @@ def test_several_branches_start_along_one_slide(tmp_path):
     """Spaced as asked, in whichever process, with the same results; what is finished is not run again."""
     hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (4e-4,), "after": (), "approach": 0.1}
     steps = {"kind": "velocity-steps", "velocities": (0.3, 0.6), "slip": 0.1, "branches": 2, "spacing": 0.1}
-    chosen = small(protocol=[hold | {"branches": 3, "spacing": 0.2}, steps], ledger_steps=0)
+    chosen = small(protocol=[hold | {"branches": 3, "spacing": 0.2}, steps], ledger_steps=0, preparation=BRIEF)
     assert chosen.duration == pytest.approx(
-        (0.4 + 0.1 + 2 * 0.2 + 0.1 + 0.1) * 3e-3 / 0.3 + 3 * 4e-4 + 2 * 0.1 * 3e-3 / 0.6
+        (0.05 + 0.1 + 2 * 0.2 + 0.1 + 0.1) * 3e-3 / 0.3 + 3 * 4e-4 + 2 * 0.1 * 3e-3 / 0.6
     )
     here, there = (simulate_gouge(chosen, workers=n, folder=tmp_path / str(n)) for n in (1, 2))
     one = here.realizations[0]
@@ -316,7 +316,9 @@ def test_moments_and_memory_are_properties_of_the_law():
 def test_a_killed_realization_goes_on_from_its_branches(moments, tmp_path, monkeypatch):
     """What a branch has finished is not run again, and the result is that of a run that was not stopped."""
     hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (4e-4,), "after": (), "approach": 0.1}
-    chosen = small(protocol=[hold | {"branches": 2, "spacing": 0.2}], ledger_steps=0, law=LAW | moments)
+    chosen = small(
+        protocol=[hold | {"branches": 2, "spacing": 0.2}], ledger_steps=0, law=LAW | moments, preparation=BRIEF
+    )
     from stickslip.wings.papers.gouge import simulate as gouge_ensemble
 
     whole, calls = gouge_ensemble.run_branch, []
@@ -348,7 +350,7 @@ def test_a_branch_that_fails_is_told_with_its_sample(monkeypatch):
 
     monkeypatch.setattr("stickslip.wings.papers.gouge.simulate.run_branch", fails)
     with pytest.raises(RuntimeError, match="every realisation failed, the first with realisation 0 failed: it blew up"):
-        simulate_gouge(small(ledger_steps=0), workers=1)
+        simulate_gouge(small(ledger_steps=0, preparation=BRIEF), workers=1)
 
 
 def test_samples_of_a_hold_are_means_over_growing_intervals():

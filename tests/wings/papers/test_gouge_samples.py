@@ -10,19 +10,25 @@ from stickslip.wings.papers.gouge import simulate as samples
 from stickslip.wings.papers.gouge import simulate as simulation
 from stickslip.wings.papers.gouge.simulate import EXACT, read_sample, read_samples, sample_path, simulate_gouge
 from tests.conftest import stickslip_here as stickslip
-from tests.wings.papers.test_gouge import small
+from tests.wings.papers.test_gouge import BRIEF, small
+
+
+def short(**more):
+    """A small sample with a short preparation and one step of the velocity."""
+    steps = {"kind": "velocity-steps", "velocities": (0.3, 0.6), "slip": 0.05, "twin": 0.05}
+    return small(**{"preparation": BRIEF, "protocol": [steps], "ledger_steps": 100} | more)
 
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
     """A folder with two samples, and the result of the runs that wrote them; their run folder is next to it."""
     folder = tmp_path_factory.mktemp("samples")
-    return folder, simulate_gouge(small(realizations=2), folder=folder / "run", samples=folder, workers=1)
+    return folder, simulate_gouge(short(realizations=2), folder=folder / "run", samples=folder, workers=1)
 
 
 def test_a_sample_has_the_series_of_its_run(stored):
     folder, result = stored
-    found = read_samples(folder, {"this": small()})["this"]
+    found = read_samples(folder, {"this": short()})["this"]
     assert list(found) == [0, 1]
     for sample, run in zip(found.values(), result.realizations, strict=True):
         assert [t[:4] for t in sample.realization.tests] == [t[:4] for t in run.tests]
@@ -41,30 +47,30 @@ def test_only_what_is_missing_runs(stored, tmp_path, monkeypatch):
     """And samples that finished in the run folder before they were asked for are written as well."""
     folder, _ = stored
     monkeypatch.setattr(simulation, "run_realizations", None)
-    assert simulate_gouge(small(realizations=2), samples=folder).reused == 2
+    assert simulate_gouge(short(realizations=2), samples=folder).reused == 2
     with pytest.raises(TypeError):
-        simulate_gouge(small(realizations=3), samples=folder, workers=1)
-    simulate_gouge(small(seed=1), folder=folder / "run", samples=tmp_path)
-    a, b = (read_sample(sample_path(place, small(seed=1)), small()).realization for place in (folder, tmp_path))
+        simulate_gouge(short(realizations=3), samples=folder, workers=1)
+    simulate_gouge(short(seed=1), folder=folder / "run", samples=tmp_path)
+    a, b = (read_sample(sample_path(place, short(seed=1)), short()).realization for place in (folder, tmp_path))
     assert a.tests[0].series.friction.tolist() == b.tests[0].series.friction.tolist()
-    assert [path.name for path in tmp_path.glob("*.h5")] == [sample_path(folder, small(seed=1)).name]
+    assert [path.name for path in tmp_path.glob("*.h5")] == [sample_path(folder, short(seed=1)).name]
 
 
 def test_other_samples_are_refused(stored, tmp_path, monkeypatch):
     folder, _ = stored
-    other = small(grains={"number": 75}, law={"damping_n": 1e4, "mu": 0.4})
+    other = short(grains={"number": 75}, law={"damping_n": 1e4, "mu": 0.4})
     with pytest.raises(ArchiveError, match=r"another scenario \(grains.number = 70 instead of 75; law.mu = default"):
         read_samples(folder, {"other": other})
-    archive.write(tmp_path / "results.h5", {"numbers": 1.0}, scenario=small().text)
+    archive.write(tmp_path / "results.h5", {"numbers": 1.0}, scenario=short().text)
     with pytest.raises(ArchiveError, match=r"results.h5 is not a sample of gouge"):
-        read_samples(tmp_path, {"this": small()})
-    (tmp_path / "results.h5").write_bytes(sample_path(folder, small()).read_bytes())
-    (tmp_path / "twin.h5").write_bytes(sample_path(folder, small()).read_bytes())
+        read_samples(tmp_path, {"this": short()})
+    (tmp_path / "results.h5").write_bytes(sample_path(folder, short()).read_bytes())
+    (tmp_path / "twin.h5").write_bytes(sample_path(folder, short()).read_bytes())
     with pytest.raises(ArchiveError, match="are the same sample: remove one of them"):
-        read_samples(tmp_path, {"this": small()})
+        read_samples(tmp_path, {"this": short()})
     monkeypatch.setattr(samples, "PHYSICS", 0)
     with pytest.raises(ArchiveError, match="version 1 of the physics of gouge, and this is version 0"):
-        read_samples(folder, {"this": small()})
+        read_samples(folder, {"this": short()})
 
 
 def test_stored_samples_are_evaluated_and_added_to(tmp_path, monkeypatch, capsys):
@@ -76,7 +82,7 @@ def test_stored_samples_are_evaluated_and_added_to(tmp_path, monkeypatch, capsys
         chosen = whole(*arguments, **more)
         update = {"realizations": chosen.realizations, "seed": chosen.seed}
         tables = {"law": chosen.law.model_dump(), "protocol": protocol, "ledger_steps": 0}
-        return small(**tables).model_copy(update=update)
+        return short(**tables).model_copy(update=update)
 
     monkeypatch.setattr(paper, "paper_size_scenario", scenario)
     monkeypatch.setattr(paper, "evaluate_claims", lambda holds, rest: [holds[paper.MAIN].realizations, rest])
@@ -103,4 +109,4 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_run(tmp_path, mon
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(simulation, "run_realizations", None)
     with pytest.raises(ValueError, match=r"file cannot be written \(File exists\): choose another one"):
-        simulate_gouge(small(), samples=tmp_path / "file")
+        simulate_gouge(short(), samples=tmp_path / "file")

@@ -48,7 +48,7 @@ def test_similarity_of_made_up_groups():
     assert np.isnan(intraclass_correlation([[1.0], [2.0]]))
 
 
-@pytest.mark.parametrize(("samples", "branches", "shared"), [(8, 3, 0.0), (4, 3, 1.0), (1, 8, 0.0)])
+@pytest.mark.parametrize(("samples", "branches", "shared"), [(4, 3, 1.0), (1, 8, 0.0)])
 def test_intervals_cover_what_they_promise(samples, branches, shared):
     """95 % over 150 made-up experiments, a share with a standard error of 1.8 %; plus that of the draws.
 

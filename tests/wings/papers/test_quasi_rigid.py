@@ -28,7 +28,7 @@ SMALL = {"experiment": "quasi-rigid", "seed": 1, "disks": {"number": 40}, "dynam
 
 @pytest.fixture(scope="module")
 def small():
-    return simulate_quasi(ss.scenario(**SMALL, loading={"factor": 3.0, "increment": 0.01, "unload": True}), workers=1)
+    return simulate_quasi(ss.scenario(**SMALL, loading={"factor": 3.0, "increment": 0.02, "unload": True}), workers=1)
 
 
 # 5 s: a loaded and unloaded sample with two runs of dynamics, which the tests of this file share
@@ -128,6 +128,7 @@ def test_difference_and_collapse_of_made_up_curves():
         assert collapse_load(both, path) == (None if expected is None else pytest.approx(expected))
 
 
+@pytest.mark.usefixtures("plain_figures")  # those of collapses are drawn in test_axes_of_figures.py
 def test_run_leaves_curves_figures_numbers(small, tmp_path):
     paths = write_result(tmp_path / "out", EXPERIMENT, small)
     names = [p.name for p in paths]

@@ -53,7 +53,7 @@ def lattice():
     radius = np.full(16, 0.5 * (1 + OVERLAP))
     state = ss.packings.from_arrays(place, radius, law, cell=[4, 2 * 3**0.5], dim=2)
     chosen = scenario(DISKS | {"pressure": float(ss.measure.pressure(state, law))})
-    return cyclic.Rig(chosen, law, state, 400)
+    return cyclic.Rig(chosen, law, state, 240)
 
 
 SLOW = [pytest.param(amplitude, marks=pytest.mark.slow) for amplitude in (1e-5, 8e-5)]

@@ -199,14 +199,14 @@ def test_spheres_roll_about_the_line_through_two_contacts():
     assert (clusters.contact == -1).all()
 
 
-def test_ten_thousand_disks_take_seconds():
+def test_thousands_of_disks_take_seconds():
     rng = np.random.default_rng(0)
-    places = np.array(triangular(100, 110))[rng.random(11000) < 0.91]
+    places = np.array(triangular(60, 66))[rng.random(3960) < 0.91]
     state = packing(places, sliding=0.3)
     for method in BOTH:
         start = time.process_time()
         clusters = rigid_clusters(state, LAW, method=method)
-        assert time.process_time() - start < 10
+        assert time.process_time() - start < 3
         assert clusters.sizes[0] > 0.95 * len(places)
 
 

@@ -71,7 +71,7 @@ def test_solutions_and_certificates_of_awkward_problems(kind, size):
     counts = set()
     for seed in range(25 if size == 1 else 10):
         rng = np.random.default_rng(seed)
-        n = int(rng.integers(1, 7))
+        n = int(rng.integers(1, 6))
         a, q = awkward(kind, n, rng)
         if seed % 3 == 0:
             q[: 1 + n // 2] = 0.0

@@ -52,7 +52,7 @@ def problem(seed, n, strength):
     return Complementarity(np.eye(n) + strength * rng.normal(size=(n, n)), rng.normal(size=n))
 
 
-@given(st.integers(0, 10_000), st.integers(1, 7), st.floats(0.05, 1.5))
+@given(st.integers(0, 10_000), st.integers(1, 6), st.floats(0.05, 1.5))
 def test_the_status_map_is_bijective_for_p_matrices_and_only_for_them(seed, n, strength):
     made = problem(seed, n, strength)
     mapped = status_map(made)
@@ -220,8 +220,7 @@ def test_lemke_on_a_ray_does_not_make_a_packing_unstable(monkeypatch):
         critical = rng.choice(m.count, 4, replace=False)
         load = m.c @ rng.normal(size=2 * m.count)
         problem = complementarity(m, load, critical=critical)
-        stable = [s for s in enumerate_solutions(problem).solutions if s.sign > 0]
-        if lemke(problem) is not None or not stable:
+        if lemke(problem) is not None or not any(s.sign > 0 for s in enumerate_solutions(problem).solutions):
             continue
         met += 1
         choice = contact_status(m, load, critical=critical)
@@ -243,8 +242,11 @@ def many(seed, count=18):
 
 
 def test_beyond_fourteen_contacts_every_verdict_has_its_evidence():
-    met = set()
+    """At least twenty cases, and as many more as are needed to meet every verdict."""
+    met, wanted = set(), {Verdict.UNIQUE, Verdict.CONSISTENT, Verdict.UNSTABLE, Verdict.NOT_FOUND}
     for seed in range(80):
+        if seed >= 20 and met >= wanted:
+            break
         m, critical, load = many(seed)
         choice = contact_status(m, load, critical=critical, unique=True)
         met.add(choice.verdict)
@@ -262,7 +264,7 @@ def test_beyond_fourteen_contacts_every_verdict_has_its_evidence():
             cheap = contact_status(m, load, critical=critical)
             if cheap.method == "flip all":
                 assert (cheap.stable, cheap.uniqueness, cheap.verdict) == (None, None, Verdict.CONSISTENT)
-    assert met >= {Verdict.UNIQUE, Verdict.CONSISTENT, Verdict.UNSTABLE, Verdict.NOT_FOUND}
+    assert met >= wanted
 
 
 def test_a_certificate_of_farkas_is_verified_before_it_is_believed(monkeypatch):
@@ -356,7 +358,7 @@ def tilted(angle, mu=0.3, depth=0.01):
 
 
 def test_what_slides_without_resistance_is_a_mechanism_whatever_round_off_does():
-    for angle in np.linspace(0.01, 1.5, 30):
+    for angle in np.linspace(0.01, 1.5, 15):
         m, down = tilted(angle)
         choice = contact_status(m, down)
         assert choice.verdict is Verdict.MECHANISM
@@ -369,7 +371,7 @@ def test_in_a_packing_of_two_contacts_no_status_is_found_that_is_not_consistent(
     state, law = ss.packings.biaxial_box(6, pressure=1e-3, mu=1.0, seed=1000, tolerance=1e-6)
     whole = linear_system(state, law)
     critical, rng, met = np.arange(whole.count)[:4], np.random.default_rng(0), set()
-    for _ in range(50):
+    for _ in range(25):
         m = whole._replace(sign=rng.choice([-1.0, 1.0], whole.count))
         slides = np.isin(np.arange(m.count), critical[rng.random(len(critical)) < 0.5])
         load = stiffness_matrix(m, slides) @ rng.normal(size=len(m.free))

@@ -54,10 +54,12 @@ def test_rates_are_those_of_small_increments_by_newtons_method():
             assert outcome.ok
             change = np.linalg.solve(state.cell.vectors, moved.cell.vectors).T - np.eye(3)
             errors.append(np.abs(change / size - strain).max() / np.abs(strain).max())
-        tried += 1
         assert errors[0] < 0.01
         assert errors[1] == pytest.approx(0.3 * errors[0], rel=0.15)
-    assert tried >= 2
+        tried += 1
+        if tried == 2:
+            return
+    pytest.fail("fewer than two suitable states")
 
 
 def test_motions_of_rolling_spheres_need_no_large_matrix():

@@ -62,14 +62,16 @@ def test_geometric_stiffness_of_turning_walls_is_how_c_turns():
     state, law = boxed(1e-3)
     m, h = linear_system(state, law, wall_arm=ARM), 1e-5
     assert np.abs(m.force[:, 1]).max() > 0.05 * m.force[:, 0].mean()
-    numeric = np.empty((len(m.free),) * 2)
-    for k, unit in enumerate(np.eye(len(m.free))):
+    columns, numeric = [*range(0, len(m.free) - 4, 4), *range(len(m.free) - 4, len(m.free))], []  # all of the walls
+    for unit in np.eye(len(m.free))[columns]:
         pair = [
             linear_system(turned(state, m.free, s * h * unit), law, wall_arm=ARM).c @ m.force.ravel() for s in (1, -1)
         ]
-        numeric[:, k] = (pair[1] - pair[0]) / (2 * h)
+        numeric.append((pair[1] - pair[0]) / (2 * h))
+    assert {0, 1, 5} == set(m.free.axis[columns[:-4]].tolist())
+    numeric = np.stack(numeric, axis=1)
     # forces of 1e-3 and third derivatives of order 1/R² times the squared step; round-off of 1e-19 over the step
-    np.testing.assert_allclose(m.geometric.toarray(), numeric, atol=1e-11)
+    np.testing.assert_allclose(m.geometric.toarray()[:, columns], numeric, atol=1e-11)
     assert np.abs(numeric[-4:]).max() > 1e-5
 
 

@@ -1,5 +1,6 @@
 """The catalogue of events: scenario, packings until enough events are found, tables, measures, resume and figures."""
 
+import pickle
 import sys
 
 import numpy as np
@@ -18,7 +19,7 @@ from tests.conftest import save_noise
 from tests.events.made import events_of, samples
 
 SMALL = {"packing": {"grains": 12, "packing_fraction": 0.9}, "shear": {"drag": 0.1}}
-CALLS, PACKED = [], {}
+CALLS, PACKED, MADE = [], {}, {}
 
 
 def seed_of(state) -> int:
@@ -43,7 +44,10 @@ def made(monkeypatch):
         return events_of(seed, 2 + (seed % 3 == 0), state, step)
 
     def make_packing(chosen, law, seed):
-        state, packed = packing(chosen, law, seed)
+        key = chosen.model_dump_json(), pickle.dumps(law), seed
+        if key not in MADE:  # once for all tests
+            MADE[key] = pickle.dumps(packing(chosen, law, seed))
+        state, packed = pickle.loads(MADE[key])
         PACKED[seed] = state.grains.position
         return state, packed
 
