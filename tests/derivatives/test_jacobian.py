@@ -23,16 +23,24 @@ CASES = [
 ]
 
 
-def differences(state, law, free, memory, h):
-    """Fourth-order central differences of the unbalanced force with respect to every free coordinate."""
-    out = np.zeros((len(free), len(free)))
-    for k in range(len(free)):
-        step = np.zeros(len(free))
+def differences(state, law, free, memory, h, ways=None):
+    """Fourth-order central differences of the unbalanced force along each column of `ways`, or each free coordinate."""
+    ways = np.eye(len(free)) if ways is None else ways
+    out = np.zeros(ways.shape)
+    for k, way in enumerate(ways.T):
         for weight, shift in ((1, -2), (-8, -1), (8, 1), (-1, 2)):
-            step[k] = shift * h
-            moved = displaced(state, free, step)
+            moved = displaced(state, free, shift * h * way)
             out[:, k] += weight * residual_vector(moved, forces(moved, law, memory=memory)[0], free)
     return out / (12 * h)
+
+
+def random_ways(free):
+    """Six directions in which all coordinates move by 0.5 to 1: a wrong entry of J is seen in each of them."""
+    rng, shape = np.random.default_rng(0), (len(free), 6)
+    return rng.uniform(0.5, 1, shape) * rng.choice([-1, 1], shape)
+
+
+FIRST = {(2, 0): 43, (2, 1): 24, (3, 1): 31}  # attempts that succeed on many processors, by dimension and seed
 
 
 @cache
@@ -43,7 +51,7 @@ def sample(law_name, coulomb, dim, seed):
     law's |s| s has none.
     """
     law = make_law(law_name, coulomb)
-    for attempt in range(1000):
+    for attempt in (FIRST.get((dim, seed), 0), *range(1000)):
         rng = np.random.default_rng(1000 * seed + attempt)
         state = stirred(make_packing(dim, seed=1000 * seed + attempt), law, rng)
         modes = state.contacts.mode[: state.contacts.count[0]]
@@ -66,10 +74,11 @@ def test_jacobian_of_an_accepted_state(law_name, coulomb, dim, seed):
     state, law = sample(law_name, coulomb, dim, seed)
     modes = state.contacts.mode[: state.contacts.count[0]]
     free = freedom(state)
-    exact = assembled(state, contact_blocks(state, law)[0], free).toarray()
-    numeric = differences(state, law, free, HELD, h=1e-4 * overlaps(state)[modes > 0].min() ** 0.5)
+    exact, ways = assembled(state, contact_blocks(state, law)[0], free), random_ways(free)
+    # of a contact, up to twelve coordinates move at once
+    numeric = differences(state, law, free, HELD, 2e-5 * overlaps(state)[modes > 0].min() ** 0.5, ways)
     # h⁴ and round-off/h balance near 1e-10 of the largest entry; 1e-8 is what the project promises
-    np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
+    np.testing.assert_allclose(exact @ ways, numeric, atol=1e-8 * np.abs(exact.data).max(), rtol=0)
 
 
 RESCALED = [
@@ -89,10 +98,10 @@ def test_jacobian_of_a_trial_state_with_pending_increments(law_name, coulomb, di
     free = freedom(state)
     rng = np.random.default_rng(0)
     pending = with_neighbor_list(displaced(state, free, rng.normal(0, size, len(free))))
-    exact = assembled(pending, contact_blocks(pending, law, memory=FREE)[0], free).toarray()
-    numeric = differences(pending, law, free, FREE, h=1e-6)
+    exact, ways = assembled(pending, contact_blocks(pending, law, memory=FREE)[0], free), random_ways(free)
+    numeric = differences(pending, law, free, FREE, 1e-6, ways)
     # a contact on the edge between stick and slide would be off by its whole stiffness, not by round-off
-    np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
+    np.testing.assert_allclose(exact @ ways, numeric, atol=1e-8 * np.abs(exact.data).max(), rtol=0)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -136,16 +145,14 @@ def test_dashpot_matrix_against_differences_in_velocity(dim, law_name, damping):
     stick_only = state.contacts.mode[:count] != SLIDE
     assert stick_only.all(), "the dashpot of a sliding contact has two one-sided derivatives"
     free = freedom(state)
-    exact = assembled(state, contact_blocks(state, law)[1], free).toarray()
-    numeric = np.zeros_like(exact)
+    exact, ways = assembled(state, contact_blocks(state, law)[1], free), random_ways(free)
+    numeric = np.zeros_like(ways)
     h, n = 1e-6, len(state.grains.radius)
-    for k in range(len(free)):
+    for k, way in enumerate(ways.T):
         for sign in (1, -1):
-            rate = np.zeros(6 * state.n_bodies)
-            rate[free.component[k]] = sign * h
-            rate = rate.reshape(-1, 6)[:n]
+            rate = free.spread(sign * h * way)[:n]
             grains = state.grains._replace(velocity=rate[:, :3], spin=rate[:, 3:] / state.grains.radius[:, None])
             moving = state._replace(grains=grains)
             numeric[:, k] += sign * residual_vector(moving, forces(moving, law, memory=HELD)[0], free) / (2 * h)
     # the limit's dependence on velocity is quadratic at rest: central differences are good to h² and round-off/h
-    np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
+    np.testing.assert_allclose(exact @ ways, numeric, atol=1e-8 * np.abs(exact.data).max(), rtol=0)

@@ -43,9 +43,13 @@ def test_without_friction_many_packings_have_only_saddle_nodes():
 
 @pytest.fixture(scope="module")
 def varied():
-    """Both searches in half the steps and with twice the drag, the second to a coarse resolution."""
+    """Both searches in half the steps and with twice the drag, the second to a coarse resolution.
+
+    The jump of its contact is about 0.75 % of the mean overlap, and it is asked for jumps above 0.5 %.
+    """
     how = {"most": 1, "step": STEP / 2, "share": 0.2}
-    return search(FRICTIONLESS, 3, 0.006, fraction=0.88, **how), search(LINEAR, 3, 0.006, resolution=1e-5, **how)
+    coarse = {"resolution": 1e-5, "smallest": 0.005}
+    return search(FRICTIONLESS, 3, 0.006, fraction=0.88, **how), search(LINEAR, 3, 0.006, **coarse, **how)
 
 
 def test_brackets_are_as_narrow_as_the_resolution(frictionless, sliding, varied):
@@ -141,11 +145,10 @@ def test_brute_force_dynamics_agrees(law, seed, fraction):
 
 def oscillation(point, law, nu):
     """Angular frequency of the dynamics that follow a small strain step, from zeros of the largest velocity."""
-    state, velocities = ss.packings.sheared(point.state, 1e-6), []
-    for _ in range(600):
-        state = ss.run(state, law, 10, 0.1, drag=nu, spin_drag=nu)[0]
-        velocities.append(state.grains.velocity[:, :2].ravel())
-    late = np.array(velocities)[300:]  # when the fastest decaying modes are gone
+    state = ss.packings.sheared(point.state, 1e-6)
+    record = ss.run(state, law, 6000, 0.1, drag=nu, spin_drag=nu, every=10, probes=range(16))[1]
+    # velocities when the fastest decaying modes are gone
+    late = np.diff(record.position[300:, :, :2].reshape(301, -1), axis=0)
     zeros = np.flatnonzero(np.diff(np.sign(late[:, np.argmax((late**2).sum(axis=0))])))
     return np.pi / np.diff(zeros).mean()
 
@@ -180,9 +183,9 @@ def test_every_kind_of_result_is_complete(frictionless):
 
 def test_drag_decides_which_pairs_are_events():
     """Without much drag, a pair starts an event that a strong drag suppresses."""
-    weak, strong = found(SMOOTH, 3, 0.006, fraction=0.86).events, search(SMOOTH, 3, 0.006, share=2.0, most=1).events
-    assert weak and weak[0].kind is EventKind.PAIR
-    assert not strong or strong[0].strain > weak[0].strain + 1e-6
+    (weak,) = found(SMOOTH, 3, 0.006, fraction=0.86).events
+    assert weak.kind is EventKind.PAIR
+    assert not search(SMOOTH, 3, weak.strain + 1e-6, share=2.0).events
 
 
 def test_exponents_are_fitted_to_power_laws():
@@ -242,12 +245,10 @@ def test_no_class_from_values_that_fall_by_a_jump():
     assert not vanishes(exponent, error)
 
 
-def test_small_jumps_are_events_only_if_asked_for(sliding):
-    """The jump of this contact is about 0.75 % of the mean overlap; a search that finds it finds the same numbers."""
-    assert not search(LINEAR, 3, 0.006, smallest=0.01).events
-    again = search(LINEAR, 3, 0.006, smallest=0.005, most=1)
-    for event, other in zip(again.events, sliding.events, strict=True):
-        np.testing.assert_equal(event._asdict(), other._asdict())
+def test_small_jumps_are_events_only_if_asked_for(sliding, varied):
+    (event,) = sliding.events
+    assert [other.trigger for other in varied[1].events] == [event.trigger]
+    assert not search(LINEAR, 3, event.strain + 1e-4, smallest=0.01).events
 
 
 def test_the_search_ends_with_the_number_of_events(frictionless):

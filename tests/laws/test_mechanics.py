@@ -69,26 +69,26 @@ def test_a_bridge_across_a_gap_does_not_slide(n):
     assert f"all {n - 1} contacts are treated as never sheared" in known
 
 
-def differences(state, law, free, memory, step):
-    """∂(generalised force)/∂q by central differences."""
+def differences(state, law, free, memory, step, ways=None):
+    """∂(generalised force)/∂q by central differences along the columns of `ways`, or the coordinates."""
 
     columns = []
-    for k in range(len(free)):
+    for way in np.eye(len(free)) if ways is None else ways.T:
         sides = []
         for sign in (1, -1):
-            moved = ss.modes.displaced(state, free, sign * step * np.eye(len(free))[k])
+            moved = ss.modes.displaced(state, free, sign * step * way)
             sides.append(ss.modes.residual_vector(moved, ss.forces(moved, law, memory=memory)[0], free))
         columns.append((sides[0] - sides[1]) / (2 * step))
     return np.stack(columns, axis=1)
 
 
-def rate_differences(state, law, free, step):
-    """∂(generalised force)/∂q̇ by central differences."""
+def rate_differences(state, law, free, step, ways=None):
+    """∂(generalised force)/∂q̇ by central differences along the columns of `ways`, or the coordinates."""
     columns, n = [], len(state.grains.radius)
-    for k in range(len(free)):
+    for way in np.eye(len(free)) if ways is None else ways.T:
         sides = []
         for sign in (1, -1):
-            v = free.spread(sign * step * np.eye(len(free))[k])
+            v = free.spread(sign * step * way)
             spin = v[:n, 3:] / state.grains.radius[:, None]
             moving = state._replace(
                 grains=state.grains._replace(velocity=v[:n, :3], spin=spin),
