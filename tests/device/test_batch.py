@@ -367,7 +367,7 @@ def test_a_device_without_memory_says_so():
         run_legs([free_spheres()], Full())
 
 
-# 4 s: the emulator of the device is compiled, and its threads are fibers
+# the emulator of the device is compiled, and its threads are fibers
 def test_the_kernels_give_the_same_bits(leg, emulator):
     legs = [leg._replace(steps=110), leg._replace(steps=60)]
     for mine, known in zip(run_legs(legs, Emulated(emulator)), run_legs(legs, Processor()), strict=True):

@@ -267,7 +267,7 @@ def test_the_energy_of_pull_off_is_booked():
     energy = 0.25 * start.grains.mass[0] * 0.05**2
     defects = []
     for dt in (8e-3, 2e-3):
-        end, record, _ = ss.run(start, law, round(10 / dt), dt, every=1, ledger=True)
+        end, record, _ = ss.run(start, law, round(10 / dt), dt, every=5, ledger=True)
         defects.append(np.abs(record.ledger.defect).max() / energy)
     assert (end.contacts.mode == ss.OPEN).all() and relative_speed(end) > 0
     bond = -evaluate(law, "energy", overlap=1e-12, r_eff=0.25)

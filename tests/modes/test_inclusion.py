@@ -173,12 +173,12 @@ def test_intervals_contain_the_truth_as_often_as_they_say(centers):
 def test_an_odd_field_is_told_from_an_elastic_one():
     rng = np.random.default_rng(2)
     kinds = {0.0: [], 0.03: [], 0.03 + 0.02j: []}
-    for _ in range(10):
+    for _ in range(5):
         for screening, names in kinds.items():
             names.append(made(rng, screening, 0.01).fit().preferred)
-    assert kinds[0.0].count("elastic") >= 8
-    assert kinds[0.03].count("dipole") >= 8
-    assert kinds[0.03 + 0.02j].count("odd") == 10
+    assert kinds[0.0].count("elastic") >= 4
+    assert kinds[0.03].count("dipole") >= 4
+    assert kinds[0.03 + 0.02j].count("odd") == 5
 
 
 def test_the_growth_at_which_a_contact_changes_bounds_the_linear_response(rough):

@@ -1,5 +1,6 @@
 """The energy ledger closes to the order of the integrator, whatever happens in the packing."""
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -9,10 +10,12 @@ import stickslip as ss
 from stickslip.loading.packing import jammed
 from tests.conftest import make_law
 
+jammed_once = cache(jammed)  # no test writes to it
+
 
 def between_plates(n=60, dim=3, seed=0, speed=2e-3):
     """A packing with weight, sheared by grains on top that are driven over frozen ones at the bottom."""
-    state, _ = jammed(n, packing_fraction=0.66 if dim == 3 else 0.86, dim=dim, seed=seed)
+    state, _ = jammed_once(n, packing_fraction=0.66 if dim == 3 else 0.86, dim=dim, seed=seed)
     up, size = dim - 1, state.cell.vectors[0, 0]
     position = np.mod(state.grains.position, size)
     cell = state.cell._replace(periodic=np.array([True, dim == 3, False]))

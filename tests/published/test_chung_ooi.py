@@ -253,6 +253,7 @@ def test_5_oblique_impact_at_different_tangential_velocities(case, kind):
         assert off[x > 4.9].max() < 0.075
 
 
+@cache
 def spinning(test, case, kind):
     """Spheres with spin alone meet a plane or a heavy sphere: V_st/V_n, published β and recoil, what comes of them."""
     pair = Pair(test, case)

@@ -56,17 +56,18 @@ def fewer(make, **less):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A quick reproduction with few realizations and frames: nothing here depends on their number."""
+    """A quick reproduction in one process, with few realizations, frames and variants: nothing depends on these."""
     out = tmp_path_factory.mktemp("reproduce") / "quick"
     with pytest.MonkeyPatch.context() as now:
         now.setattr(figures, "transition_movie", partial(figures.transition_movie, frames=16))
         now.setitem(disk_measures.REALIZATIONS, True, 2)
+        now.setattr(disk_array, "VARIED", ({"array": {"disks": 2}}, {"law": {"mu": 0.95}}))
         now.setattr(
             disk_array, "paper_scenario",
             fewer(disk_array.paper_scenario, loads=disk_array.FRONT_LOADS, realizations=2),
         )  # fmt: skip
         now.setattr(disk_array, "quarter_scenario", fewer(disk_array.quarter_scenario, realizations=2))
-        run = stickslip_here("reproduce", "disk-array", "--quick", "--out", out)
+        run = stickslip_here("reproduce", "disk-array", "--quick", "--workers", "1", "--out", out)
     assert run.returncode == 0, run.stderr
     assert "--quick cuts" in run.stdout
     told = run.stdout.partition("figures …")[2].split()
