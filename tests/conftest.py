@@ -133,11 +133,20 @@ def save_noise(figure, path, format=None, **options):
     return Image.effect_noise((300, 300), 100).save(path, format)
 
 
+@contextlib.contextmanager
+def without_drawing():
+    """Write noise for figures that nobody checks, in fixtures of modules and sessions."""
+    with pytest.MonkeyPatch.context() as now:
+        now.setattr(Figure, "savefig", save_noise)
+        now.setattr(saving, "_letter", lambda figure: [])  # placed after a layout, half the time of drawing
+        yield
+
+
 @pytest.fixture
-def plain_figures(monkeypatch):
+def plain_figures():
     """Skip drawing in a test that writes figures without checking them."""
-    monkeypatch.setattr(Figure, "savefig", save_noise)
-    monkeypatch.setattr(saving, "_letter", lambda figure: [])  # letters are placed after a layout, half the time
+    with without_drawing():
+        yield
 
 
 @pytest.fixture(autouse=True)

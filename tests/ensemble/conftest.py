@@ -42,11 +42,11 @@ class Cluster:
             process.wait()
 
 
-@pytest.fixture
-def scheduler(tmp_path):
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory):
     """A cluster that has no workers yet."""
     pytest.importorskip("distributed")
-    found = Cluster(tmp_path)
+    found = Cluster(tmp_path_factory.mktemp("scheduler"))
     yield found
     found.end()
 

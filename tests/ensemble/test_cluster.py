@@ -13,8 +13,11 @@ import pytest
 from stickslip.ensemble import cluster as cluster_room
 from stickslip.ensemble import reach, run_members
 from stickslip.ensemble.cluster import connect
+from stickslip.runs.sweep.dataset import open_sweep
+from stickslip.runs.sweep.run import run_sweep
 from tests.ensemble import tasks
 from tests.ensemble.test_ensemble import ended, until
+from tests.ensemble.test_sweep import small
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 
@@ -27,6 +30,15 @@ def test_results_and_words_come_from_the_cluster(cluster):
     assert [m.result for m in found] == [0, 1, 4, 9, 16]
     assert any(text.endswith("; square of 0: half") for text in said)
     assert "the Dask cluster at tcp://127.0.0.1" in reach(cluster.address).words
+
+
+def test_the_dataset_of_a_sweep_does_not_depend_on_how_members_were_run(tmp_path, cluster):
+    found = []
+    for k, workers in enumerate((1, 2, cluster.address)):
+        run_sweep(small(), tmp_path / str(k), workers=workers)
+        found.append(open_sweep(tmp_path / str(k)).drop_vars("seconds"))
+    assert found[0].identical(found[1])
+    assert found[0].identical(found[2])
 
 
 def test_a_client_will_do(cluster):
@@ -45,9 +57,8 @@ def test_a_member_that_always_dies_costs_only_itself(cluster, tmp_path):
     assert found[3].failure == "worker died (killed, or out of memory), 2 times"
 
 
-def test_a_killed_worker_costs_nothing_while_another_is_left(scheduler, tmp_path):
-    workers = {process.pid: process for process in (scheduler.worker(), scheduler.worker())}
-    killed = []
+def test_a_killed_worker_costs_nothing_while_another_is_left(cluster, tmp_path):
+    workers, killed = {process.pid: process for process in cluster.processes[1:]}, []
 
     def kill():
         until(lambda: (tmp_path / "pid0").exists() and len((tmp_path / "pid0").read_text().split()) == 2)
@@ -58,14 +69,17 @@ def test_a_killed_worker_costs_nothing_while_another_is_left(scheduler, tmp_path
 
     killer = threading.Thread(target=kill)
     killer.start()
-    found = run_members(tasks.wait, [(str(tmp_path), k, 1.0) for k in range(4)], workers=scheduler.address)
+    found = run_members(tasks.wait, [(str(tmp_path), k, 1.0) for k in range(4)], workers=cluster.address)
     killer.join()
+    cluster.worker()  # the next test has two again
     assert [m.result for m in found] == [0, 1, 2, 3]
     assert killed[1], "the killed worker's own process went on"
     assert workers[killed[0]].wait() == -signal.SIGKILL
 
 
-def test_a_cluster_without_workers_is_waited_for_and_that_is_said(scheduler):
+@pytest.fixture(scope="module")
+def lonely(scheduler):
+    """A cluster whose only worker started after members had been sent to it, these members, and what was said."""
     said = []
 
     def report(stage, share, text):
@@ -73,13 +87,17 @@ def test_a_cluster_without_workers_is_waited_for_and_that_is_said(scheduler):
             scheduler.worker()
         said.append(text)
 
-    found = run_members(tasks.square, [(3,), (4,)], workers=scheduler.address, report=report)
+    return scheduler, run_members(tasks.square, [(3,), (4,)], workers=scheduler.address, report=report), said
+
+
+def test_a_cluster_without_workers_is_waited_for_and_that_is_said(lonely):
+    _, found, said = lonely
     assert [m.result for m in found] == [9, 16]
     assert said[0] == "0 of 2; the cluster: no workers yet, waiting for the first"
 
 
-def test_a_scheduler_that_is_gone_is_one_sentence(scheduler, tmp_path):
-    scheduler.worker()
+def test_a_scheduler_that_is_gone_is_one_sentence(lonely, tmp_path):
+    scheduler, *_ = lonely
 
     def report(stage, share, text):
         if "started" in text:
@@ -100,7 +118,7 @@ def test_members_end_when_their_client_is_killed(cluster, tmp_path):
     code = f"from stickslip.ensemble import run_members as r; from tests.ensemble.tasks import wait; \
         r(wait, [({str(tmp_path)!r}, 0, 60)], workers={cluster.address!r})"
     client = subprocess.Popen([sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
-    assert until(lambda: (tmp_path / "pid0").exists())
+    assert until(lambda: (tmp_path / "pid0").exists() and (tmp_path / "pid0").read_text())
     helper = int((tmp_path / "pid0").read_text().split()[0])
     assert not ended(helper)
     client.kill()

@@ -8,6 +8,7 @@ from stickslip.core.units import in_units
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.runs.sweep.dataset import open_sweep
 from stickslip.runs.sweep.run import run_sweep
+from tests.restart.test_resume import FEWER
 from tests.unit.test_measures import UNITS
 
 SWEPT = {  # the swept key and a measure with its unit
@@ -38,7 +39,7 @@ def test_all_experiments_are_here():
     ],
 )
 def test_a_member_leaves_numbers_with_units(experiment, tmp_path):
-    tables, (table, name, unit) = EXPERIMENTS[experiment].smallest[0], SWEPT[experiment]
+    tables, (table, name, unit) = EXPERIMENTS[experiment].smallest[0] | FEWER.get(experiment, {}), SWEPT[experiment]
     swept = run_sweep(ss.sweep(experiment=experiment, **tables, sweep=table), tmp_path, workers=1)
     assert swept.failures == [""]
     found = open_sweep(tmp_path)

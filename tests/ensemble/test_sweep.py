@@ -169,15 +169,6 @@ def test_the_dataset_is_labelled_and_members_are_where_it_says(tmp_path):
         assert again.identical(found)
 
 
-def test_the_dataset_does_not_depend_on_how_members_were_run(tmp_path, cluster):
-    found = []
-    for k, workers in enumerate((1, 2, cluster.address)):
-        run_sweep(small(), tmp_path / str(k), workers=workers)
-        found.append(open_sweep(tmp_path / str(k)).drop_vars("seconds"))
-    assert found[0].identical(found[1])
-    assert found[0].identical(found[2])
-
-
 def test_parts_gathered_are_the_whole(tmp_path):
     chosen, parts = small(), [tmp_path / f"part {k}" for k in (1, 2, 3, 4)]
     ran = [run_sweep(chosen, folder, workers=1, part=(k + 1, 4)) for k, folder in enumerate(parts)]

@@ -20,6 +20,7 @@ from stickslip.runs.folder import find_unfinished
 from stickslip.runs.sweep import report as sweep_report
 from stickslip.runs.sweep.run import SweepResult
 from stickslip.wings.faults.rate_state import simulate as slider
+from tests.conftest import stickslip_here, without_drawing
 
 SLIDER = """
 experiment = "rate-state"
@@ -59,6 +60,24 @@ def call(tmp_path, monkeypatch, capsys):
         return SimpleNamespace(code=caught.value.code, out=" ".join(said.out.split()), err=said.err)
 
     return called
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Folder with a run and a sweep that have ended, for copies."""
+    folder = tmp_path_factory.mktemp("runs")
+    (folder / "0.toml").write_text(SLIDER.format(seed=0))
+    (folder / "many.toml").write_text(SWEEP)
+    with without_drawing():
+        for scenario, out in (("0.toml", "out"), ("many.toml", "many")):
+            assert stickslip_here("run", scenario, "--out", out, "--workers", "1", cwd=folder).returncode == 0
+    return folder
+
+
+@pytest.fixture
+def ran(runs, tmp_path):
+    """Function that puts a copy of the run `out` or of the sweep `many` into the folder of the test."""
+    return lambda name: shutil.copytree(runs / name, tmp_path / name)
 
 
 def contents(folder):
@@ -105,8 +124,8 @@ def test_overwrite_names_what_goes_and_leaves_the_rest(call, tmp_path):
     assert now["thesis.tex"] == b"mine"
 
 
-def test_results_that_were_changed_are_somebodys(call, tmp_path):
-    assert call("run", "0.toml", "--out", "out").code == 0
+def test_results_that_were_changed_are_somebodys(call, ran, tmp_path):
+    ran("out")
     told = json.loads((tmp_path / "out" / "manifest.json").read_text())["files"]
     assert set(told) == set(contents(tmp_path / "out")) - {"manifest.json"}
     with open(tmp_path / "out" / "series.csv", "a") as file:
@@ -135,9 +154,9 @@ def test_what_appears_while_a_run_goes_on_is_not_replaced(call, tmp_path, monkey
 
 
 @pytest.mark.parametrize("step", ["simulate_slider", "save"])
-def test_overwriting_keeps_the_old_results_until_the_new_ones_are_complete(call, tmp_path, monkeypatch, step):
+def test_overwriting_keeps_the_old_results_until_the_new_ones_are_complete(call, ran, tmp_path, monkeypatch, step):
     """The run stops while it computes, or while the new files are written: the old ones stand as they were."""
-    assert call("run", "0.toml", "--out", "out").code == 0
+    ran("out")
     before = contents(tmp_path / "out")
 
     def stopped(*_, **__):
@@ -170,8 +189,8 @@ def test_an_unfinished_run_is_overwritten_by_another_scenario(call, tmp_path, mo
     assert json.loads((tmp_path / "out" / "scenario.json").read_text())["seed"] == 1
 
 
-def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(call, tmp_path, monkeypatch):
-    assert call("run", "0.toml", "--out", "out").code == 0
+def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(call, ran, tmp_path, monkeypatch):
+    ran("out")
     settle = report.install_results
 
     def killed(folder):
@@ -196,8 +215,8 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
 
 
 @pytest.mark.parametrize("missing", ["scenario.json", "results.h5"])
-def test_incomplete_results_replace_nothing(call, tmp_path, missing):
-    assert call("run", "0.toml", "--out", "out").code == 0
+def test_incomplete_results_replace_nothing(ran, tmp_path, missing):
+    ran("out")
     before, staging = contents(tmp_path / "out"), tmp_path / "out" / report.WRITING
     staging.mkdir()
     there = manifest.read_manifest(tmp_path / "out")
@@ -257,11 +276,11 @@ SLOW_MOMENTS = [pytest.param(when, marks=pytest.mark.slow) for when in ("settlin
 
 
 @pytest.mark.parametrize("when", ["members", *SLOW_MOMENTS])
-def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_path, monkeypatch, when):
+def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, ran, tmp_path, monkeypatch, when):
     """A kill while members run, or while the new sweep takes the old one's place, or members that all fail."""
     other = (tmp_path / "many.toml").read_text().replace("stiffness = 200.0", "stiffness = 210.0")
     (tmp_path / "other.toml").write_text(other)
-    assert call("run", "many.toml", "--out", "many").code == 0
+    ran("many")
     before, arguments = contents(tmp_path / "many"), ("run", "other.toml", "--out", "many", "--overwrite")
 
     def stopped(*_, **__):
@@ -288,8 +307,8 @@ def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_pat
     assert contents(tmp_path / "many").keys() == final.keys()
 
 
-def test_pages_belong_to_the_run_in_whose_folder_they_are(call, tmp_path):
-    assert call("run", "0.toml", "--out", "out").code == 0
+def test_pages_belong_to_the_run_in_whose_folder_they_are(call, ran, tmp_path):
+    ran("out")
     assert call("report", "out").code == 0
     assert call("report", "out").code == 0
     assert call("run", "0.toml", "--out", "out").code == 0  # the page was proven, and is out of date now
@@ -299,8 +318,8 @@ def test_pages_belong_to_the_run_in_whose_folder_they_are(call, tmp_path):
     assert (tmp_path / "out" / "report.html").read_text() == "mine"
 
 
-def test_fits_prove_their_files_too(call, tmp_path):
-    assert call("run", "0.toml", "--out", "out").code == 0
+def test_fits_prove_their_files_too(call, ran, tmp_path):
+    ran("out")
     (tmp_path / "fit").mkdir()
     (tmp_path / "fit" / "fit.json").write_text("mine")
     arguments = ("fit", "out/series.csv", "--stiffness", "200", "--out", "fit")
@@ -353,9 +372,9 @@ def test_what_bears_the_names_of_the_lock_stays(call, tmp_path, name, kind):
 
 @pytest.mark.parametrize("named", [{"../victim": None}, {"thesis.tex": None}, {"fig1_mine.png": None}, {}, None])
 @pytest.mark.parametrize("arguments", [["resume", "out"], ["run", "0.toml", "--out", "out"]], ids=["resume", "run"])
-def test_a_foreign_manifest_moves_and_removes_nothing(call, tmp_path, named, arguments):
+def test_a_foreign_manifest_moves_and_removes_nothing(call, ran, tmp_path, named, arguments):
     """Names that no run writes, results that are not there, and digests of nothing."""
-    assert call("run", "0.toml", "--out", "out").code == 0
+    ran("out")
     (tmp_path / "victim").write_text("precious")
     staging = tmp_path / "out" / ".writing"
     staging.mkdir()
@@ -415,8 +434,8 @@ def test_a_sweep_that_seems_to_wait_for_its_place_moves_nothing_of_others(call, 
     assert contents(tmp_path / "both") == {"members/mine": b"mine", ".anew/ready": b""}
 
 
-def test_results_that_wait_for_their_place_replace_nothing_of_others(call, tmp_path):
-    assert call("run", "0.toml", "--out", "out").code == 0
+def test_results_that_wait_for_their_place_replace_nothing_of_others(call, ran, tmp_path):
+    ran("out")
     waiting = tmp_path / "out" / ".writing"
     waiting.mkdir()
     for path in list_files(tmp_path / "out"):
@@ -430,8 +449,8 @@ def test_results_that_wait_for_their_place_replace_nothing_of_others(call, tmp_p
 
 
 @pytest.mark.parametrize("inner", ["members/{}/.writing/mine.txt", "members/{}/unfinished/mine.txt"])
-def test_files_of_others_in_the_temporary_folders_of_members_are_kept(call, tmp_path, inner):
-    assert call("run", "many.toml", "--out", "many").code == 0
+def test_files_of_others_in_the_temporary_folders_of_members_are_kept(call, ran, tmp_path, inner):
+    ran("many")
     member = next((tmp_path / "many" / "members").iterdir())
     (member / "measures.json").unlink()
     mine = tmp_path / "many" / inner.format(member.name)
@@ -462,8 +481,8 @@ def test_pipes_in_the_place_of_results_are_not_read(call, tmp_path):
 
 
 @pytest.mark.parametrize("measures", ["[1]", '{"a": 5}', '{"a": ["x", "y"]}'])
-def test_members_with_damaged_measures_are_run_again(call, tmp_path, measures):
-    assert call("run", "many.toml", "--out", "many").code == 0
+def test_members_with_damaged_measures_are_run_again(call, ran, tmp_path, measures):
+    ran("many")
     path = next((tmp_path / "many" / "members").iterdir()) / "measures.json"
     before = json.loads(path.read_text())
     path.write_text(f'{{"stickslip": "{ss.__version__}", "seconds": 1, "measures": {measures}}}')

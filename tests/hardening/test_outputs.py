@@ -120,7 +120,8 @@ def test_pages_and_movies_replace_a_file_only_if_asked(here, command, name, kind
     if kind in ("file", "default"):
         few = ("--frames", "2") if command == "movie" else ()
         assert stickslip_here(*call, *few, "--overwrite", cwd=here).returncode == 0
-        assert stickslip_here(*call, *few, cwd=here).returncode == 0  # its own earlier one
+        if kind == "file":
+            assert stickslip_here(*call, *few, cwd=here).returncode == 0  # its own earlier one
         assert (here / name).stat().st_size > 1000
 
 

@@ -81,10 +81,13 @@ def test_sizes_are_reported(tmp_path, key, value, given):
 @pytest.mark.parametrize(("noise", "velocity"), [(1e100, 0.02), (1e-100, 0.02), (0.0, 1e100), (0.0, 1e-100)])
 def test_sizes_that_are_allowed_run_without_a_warning(tmp_path, noise, velocity):
     (tmp_path / "a.toml").write_text(SMALL.format(noise=noise, velocity=velocity))
-    gc.collect()  # what earlier tests left must not warn here
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        run = stickslip_here("run", "a.toml", "--out", "out", cwd=tmp_path)
+    gc.disable()  # what earlier tests left must not warn here
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            run = stickslip_here("run", "a.toml", "--out", "out", cwd=tmp_path)
+    finally:
+        gc.enable()
     assert run.returncode in (0, 1)
     assert not [str(w.message) for w in caught]
     assert run.stderr.count("\n") == run.returncode

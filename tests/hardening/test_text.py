@@ -65,18 +65,21 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
     assert cluster._read_json(saved(tmp_path / "s.json", '{"address": "tcp://a:1"}')) == {"address": "tcp://a:1"}
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+READ = {
+    "a.toml": (SLIDER, ["cite", "a.toml"]),
+    "a.json": ('{"experiment": "rate-state"}', ["cite", "a.json"]),
+    "a.csv": (SERIES, ["fit", "a.csv"]),
+    "a.dump": (DUMP, ["stability", "a.dump", "--json"]),
+    "a.py": (LAW, ["stability", "b.dump", "--law", "a.py", "--modes", "m.npz"]),
+}
+
+
 @pytest.mark.parametrize(
-    ("name", "text", "arguments"),
-    [
-        ("a.toml", SLIDER, ["cite", "a.toml"]),
-        ("a.json", '{"experiment": "rate-state"}', ["cite", "a.json"]),
-        ("a.csv", SERIES, ["fit", "a.csv"]),
-        ("a.dump", DUMP, ["stability", "a.dump", "--json"]),
-        ("a.py", LAW, ["stability", "b.dump", "--law", "a.py", "--modes", "m.npz"]),
-    ],
+    ("encoding", "name"),
+    [*(("utf-16-le", name) for name in READ), *((code, "a.toml") for code in ("utf-16", "utf-16-be", "utf-32"))],
 )
-def test_text_in_utf_16_is_reported(tmp_path, encoding, name, text, arguments):
+def test_text_in_utf_16_is_reported(tmp_path, encoding, name):
+    text, arguments = READ[name]
     saved(tmp_path / name, text, encoding)
     saved(tmp_path / "b.dump", DUMP, "utf-8")
     run = stickslip_here(*arguments, cwd=tmp_path)

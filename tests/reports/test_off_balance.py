@@ -112,8 +112,8 @@ def test_what_falls_apart_when_it_settles_has_no_answer(without, tmp_path):
     assert "fell apart" in done.stderr and len(done.stderr.strip().splitlines()) == 1
 
 
-def test_modes_off_equilibrium_are_written_on_demand_only(tmp_path):
-    arrays = dict(np.load(EXAMPLE))
+def test_modes_off_equilibrium_are_written_on_demand_only(few_spheres, tmp_path):
+    arrays = dict(np.load(few_spheres))
     np.savez(tmp_path / "p.npz", **arrays | {"slip": 0.9 * arrays["slip"]})
     done = run("stability", "p.npz", "--modes", "m.npz", "--mu", "0.1", cwd=tmp_path)
     assert done.returncode == 3
@@ -157,9 +157,9 @@ def test_a_mode_off_equilibrium_is_filmed_only_if_given_and_says_so(without, tmp
     assert len(labels) == 2 and all(label.endswith("NOT IN EQUILIBRIUM") for label in labels)
 
 
-def test_a_frame_of_a_run_that_is_not_at_rest_has_no_modes(tmp_path):
+def test_a_frame_of_a_run_that_is_not_at_rest_has_no_modes(few_spheres, tmp_path):
     (tmp_path / "run").mkdir()
-    arrays = dict(np.load(EXAMPLE))
+    arrays = dict(np.load(few_spheres))
     law = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
     names = ("position", "radius", "cell", *MEMORY)
     rest = ss.packings.from_arrays(**{name: arrays[name] for name in names}, law=law)

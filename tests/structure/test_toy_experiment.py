@@ -299,12 +299,11 @@ def test_the_laboratory_works_without_its_wings(few_spheres, tmp_path):
     assert (tmp_path / "few.csv").exists() and (tmp_path / "few-report.html").exists()
 
 
-# a wing of somebody else, its sweep and its format; a verdict and files of a packing: 3 s of a processor
+# a wing of somebody else, its sweep and its format; verdicts and files of packings are in COMMANDS
 TELLING = (
     "tests/structure/test_toy_experiment.py::test_from_python",
     "tests/structure/test_toy_experiment.py::test_in_a_sweep",
     "tests/structure/test_toy_experiment.py::test_files_of_its_format_are_read_and_written",
-    "tests/exchange/test_convert.py::test_three_commands_make_an_animation",
 )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Sharp friction at the Coulomb limit: verdicts against runs from tiny velocities."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from stickslip.solve.stability import MIXED
 from tests.conftest import stickslip_here as run
 
 
+@cache
 def sheared(seed, dim, kt, mu, damping=0.0):
     law = ss.laws.hertz_mindlin(1.0, kt, mu, coulomb="sharp", damping_n=damping)
     state, _ = ss.packings.jammed(12, packing_fraction=0.9 if dim == 2 else 0.7, dim=dim, seed=seed)

@@ -320,7 +320,7 @@ def shape(text) -> Bbox:
 
 def clashes(figure) -> list[tuple[str, str]]:
     """Pairs of tick labels of one axis that overlap where they are drawn, and offset texts, which must be in labels."""
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     results = []
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis) if axes.name == "rectilinear" and axes.axison else ():

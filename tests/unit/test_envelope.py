@@ -98,10 +98,9 @@ def test_slow_dynamics_tends_to_the_response_as_the_rate_tends_to_zero():
     assert errors[1] < 0.2 * errors[0] and errors[1] < 2e-3 * np.abs(envelope.stress).max()
 
 
-@pytest.mark.parametrize("pressure", [1e-5, 1e-7])
-def test_stiff_grains_have_the_ellipse_of_their_moduli(pressure):
-    """Overlaps are 5e-5 of the size at the lower pressure, where positions have a round-off that forces feel."""
-    state, _ = ss.packings.jammed(60, pressure=pressure, dim=2, seed=5)
+def test_stiff_grains_have_the_ellipse_of_their_moduli():
+    """Overlaps are 5e-5 of the size at this pressure, where positions have a round-off that forces feel."""
+    state, _ = ss.packings.jammed(60, pressure=1e-7, dim=2, seed=5)
     state, _ = ss.equilibrate(state, LAW, check="nothing")
     envelope = ss.protocols.response_envelope(state, LAW, directions=4)
     assert np.abs(envelope.stress - envelope.elastic).max() < 1e-3 * np.abs(envelope.elastic).max()

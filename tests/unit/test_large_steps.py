@@ -31,9 +31,15 @@ def path(state, steps: int, keep: Factorisation):
     return state
 
 
-def test_iteration_and_factorisation_lead_to_the_same_equilibria(packing, monkeypatch):
-    keep, exact = Factorisation(), Factorisation()
-    end = path(packing, 10, keep)
+@pytest.fixture(scope="module")
+def iterated(packing):
+    """The packing after ten steps, and the solver that was kept."""
+    keep = Factorisation()
+    return path(packing, 10, keep), keep
+
+
+def test_iteration_and_factorisation_lead_to_the_same_equilibria(packing, iterated, monkeypatch):
+    (end, keep), exact = iterated, Factorisation()
     assert keep.factorisations == 0
     assert ss.measure.residual(end, LAW)[0] <= 5e-14
     monkeypatch.setattr("stickslip.solve.newton.DENSE_BELOW", 10**6)
@@ -48,9 +54,8 @@ def test_iteration_and_factorisation_lead_to_the_same_equilibria(packing, monkey
     assert (end.contacts.mode[:count] == other.contacts.mode[:count]).all()
 
 
-def test_a_matrix_is_reused_within_and_between_steps(packing):
-    keep = Factorisation()
-    path(packing, 10, keep)
+def test_a_matrix_is_reused_within_and_between_steps(iterated):
+    _, keep = iterated
     assert keep.renewals < 0.7 * keep.solves
 
 

@@ -206,7 +206,7 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs bash")
-def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
+def test_bash_completes_names_and_leaves_files_to_itself(tmp_path):
     main = f"#!{sys.executable}\nfrom stickslip.cli import main\nmain()\n"
     (tmp_path / "stickslip").write_text(main)
     (tmp_path / "stickslip").chmod(0o755)
@@ -214,22 +214,25 @@ def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
     script = subprocess.run([tmp_path / "stickslip"], env=asked, capture_output=True, text=True)
     assert script.returncode == 0
     assert "complete -o default -F _stickslip_completion stickslip" in script.stdout  # default: names of files
-    expected = {
-        "stickslip re": ["reproduce", "resume", "report"],
-        "stickslip run s.toml --engine l": ["lammps"],
-        "stickslip stability s.npz --law hertz": [
-            "hertz_mindlin",
-            "hertz_mindlin_reff",
-            "hertz_mindlin_rescaled",
-            "hertz_mindlin_reff_rescaled",
-        ],
-        "stickslip run examples/": [""],
-    }
-    for command, completions in expected.items():
-        line = {"script": script.stdout, "words": command, "place": len(command.split()) - 1}
-        text = BASH.format(**line, program=tmp_path / "stickslip")
-        run = subprocess.run(["bash", "--norc", "-c", text], capture_output=True, text=True)
-        assert run.stdout.split("\n")[:-1] == completions, (command, run.stderr)
+    text = BASH.format(script=script.stdout, words="stickslip re", place=1, program=tmp_path / "stickslip")
+    run = subprocess.run(["bash", "--norc", "-c", text], capture_output=True, text=True)
+    assert run.stdout.split("\n")[:-1] == ["reproduce", "resume", "report"], run.stderr
+
+
+@pytest.mark.parametrize(("command", "completions"), [
+    ("stickslip re", ["reproduce", "resume", "report"]),
+    ("stickslip run s.toml --engine l", ["lammps"]),
+    (
+        "stickslip stability s.npz --law hertz",
+        ["hertz_mindlin", "hertz_mindlin_reff", "hertz_mindlin_rescaled", "hertz_mindlin_reff_rescaled"],
+    ),
+    ("stickslip run examples/", []),
+])  # fmt: skip
+def test_what_bash_asks_for_is_answered(command, completions, monkeypatch):
+    for name, value in {"_STICKSLIP_COMPLETE": "complete_bash", "COMP_WORDS": command}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("COMP_CWORD", str(len(command.split()) - 1))
+    assert stickslip_here().stdout.split() == completions
 
 
 @pytest.mark.parametrize(
@@ -240,14 +243,15 @@ def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
         ("zsh", "stickslip run x", "_files"),
     ],
 )
-def test_other_shells_are_answered(shell, line, word):
+def test_other_shells_are_answered(shell, line, word, monkeypatch):
     env = {
         "_STICKSLIP_COMPLETE": f"complete_{shell}",
         "_TYPER_COMPLETE_ARGS": line,
         "_TYPER_COMPLETE_FISH_ACTION": "get-args",
     }
-    code = "from stickslip.cli import main; main()"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | env)
+    for name, value in env.items():
+        monkeypatch.setenv(name, value)
+    run = stickslip_here()
     assert word in run.stdout, run.stderr
 
 

@@ -1,6 +1,7 @@
 """Complex pairs by windows: what LAPACK finds, no more and no less."""
 
 import warnings
+from functools import cache
 
 import numpy as np
 import pytest
@@ -30,11 +31,24 @@ def sheared_packing(n, dim, fraction, strain, steps, seed=3):
     return state
 
 
-@pytest.fixture(scope="module", params=[(70, 3, 0.68, 4e-3), (100, 2, 0.88, 4e-3)], ids=["spheres", "disks"])
-def packing(request):
-    """A packing with several pairs and more modes than a window takes."""
-    state = sheared_packing(*request.param, steps=4)
+@cache
+def known_packing(n, dim, fraction, strain):
+    """A packing with several pairs and more modes than a window takes, and its spectrum."""
+    state = sheared_packing(n, dim, fraction, strain, steps=4)
     return state, spectrum(state, LAW)
+
+
+SPHERES, DISKS = (70, 3, 0.68, 4e-3), (100, 2, 0.88, 4e-3)
+
+
+@pytest.fixture(scope="module", params=[SPHERES, DISKS], ids=["spheres", "disks"])
+def packing(request):
+    return known_packing(*request.param)
+
+
+@pytest.fixture(scope="module")
+def disks():
+    return known_packing(*DISKS)
 
 
 def assert_same(result, full):
@@ -158,22 +172,20 @@ def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):
     assert min(np.abs(values - full.pairs[0]).min() for values in rows) < 1e-12 * scale
 
 
-def test_too_many_coordinates_name_the_other_method(packing, monkeypatch):
+def test_too_many_coordinates_name_the_other_method(disks, monkeypatch):
     monkeypatch.setattr(module, "LARGEST", 10)
     with pytest.raises(ValueError, match="fastest_pair"):
-        complex_pairs(packing[0], LAW)
+        complex_pairs(disks[0], LAW)
 
 
-def test_progress_is_reported_in_order(packing):
+@pytest.mark.parametrize("dense_below", [module.DENSE_BELOW, 0])
+def test_progress_is_reported_in_order_and_the_time_of_a_certificate_first(disks, dense_below):
     told = []
-    complex_pairs(packing[0], LAW, certificate=True, report=lambda stage, share, text: told.append(share))
-    assert told == sorted(told)
-    told.clear()
-    complex_pairs(
-        packing[0], LAW, certificate=True, dense_below=0, report=lambda stage, share, text: told.append(share)
-    )
-    assert told == sorted(told)
-    assert told[-1] == 1.0
+    complex_pairs(disks[0], LAW, certificate=True, dense_below=dense_below, report=lambda *now: told.append(now))
+    shares = [share for _, share, _ in told]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert "certificate" in told[0][2] and "estimated time" in told[0][2]
 
 
 @pytest.mark.slow
@@ -199,21 +211,15 @@ def test_windows_miss_nothing_on_independent_packings(seed):
     assert_same(complex_pairs(state, LAW, dense_below=0), full)
 
 
-def test_a_certificate_announces_its_time_first(packing):
-    told = []
-    complex_pairs(packing[0], LAW, certificate=True, report=lambda stage, share, text: told.append(text))
-    assert "certificate" in told[0] and "estimated time" in told[0]
-
-
-def test_an_unaffordable_certificate_is_refused_with_its_time(packing, monkeypatch):
+def test_an_unaffordable_certificate_is_refused_with_its_time(disks, monkeypatch):
     monkeypatch.setattr(module, "LARGEST", 10)
     with pytest.raises(ValueError, match="certificate would take about"):
-        complex_pairs(packing[0], LAW, certificate=True)
+        complex_pairs(disks[0], LAW, certificate=True)
 
 
 @pytest.mark.parametrize(("asked", "way"), [("fastest", "dense"), ("all", "dense"), ("certify", "certify")])
-def test_stability_takes_the_cheapest_way_and_names_it(packing, asked, way):
-    state, full = packing
+def test_stability_takes_the_cheapest_way_and_names_it(disks, asked, way):
+    state, full = disks
     result = ss.stability(state, LAW, method=asked)
     assert result.method == way and result.way
     np.testing.assert_allclose(result.pairs[0], full.pairs[0], rtol=0, atol=1e-12 * np.abs(full.eigenvalues).max())
@@ -232,7 +238,7 @@ def test_stability_beyond_lapack_agrees_with_it(packing, monkeypatch, asked, way
     np.testing.assert_allclose(result.pairs[0], full.pairs[0], rtol=1e-9)
 
 
-def test_too_many_coordinates_for_a_certificate_name_the_other_method(packing, monkeypatch):
+def test_too_many_coordinates_for_a_certificate_name_the_other_method(disks, monkeypatch):
     monkeypatch.setattr("stickslip.solve.stability.PAIRS_UP_TO", 10)
     with pytest.raises(ValueError, match=r"would take about .* use 'fastest'"):
-        ss.stability(packing[0], LAW, method="certify")
+        ss.stability(disks[0], LAW, method="certify")

@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from stickslip import extras
 from stickslip._core import build
 from stickslip.data.checkpoint import checkpoint_in
 from stickslip.experiments.registry import read_scenario
-from tests.conftest import stickslip_here
+from tests.conftest import stickslip_here, without_drawing
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LAW = "--law hertz_mindlin_reff --kn 1 --kt 0.8 --mu 0.2 --damping-n 0 --damping-t 0"
@@ -132,10 +133,23 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Function that returns a folder with what is made for several cases."""
+
+    @cache
+    def folder(make):
+        make(place := tmp_path_factory.mktemp(make.__name__))
+        return place
+
+    with without_drawing():
+        yield folder
+
+
 @pytest.mark.parametrize("case", CASES)
-def test_advice_can_be_pasted(tmp_path, case):
+def test_advice_can_be_pasted(made, tmp_path, case):
     make, command, pattern, own = CASES[case]
-    make(tmp_path)
+    shutil.copytree(made(make), tmp_path, dirs_exist_ok=True)
     words = shlex.split(command)
     first = stickslip_here(*words, cwd=tmp_path)
     said = " ".join((first.stdout + first.stderr).split())

@@ -240,7 +240,6 @@ def flows(tmp_path_factory):
     out, labels = {}, {}
 
     def savefig(figure, *_, **__):
-        figure.draw_without_rendering()
         words = (text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel()))
         labels[name].update(re.sub(r"\$10\^.*?\$ ", "", " ".join(text.split())) for text in words)  # no powers of ten
 
