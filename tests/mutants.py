@@ -22,6 +22,7 @@ import tempfile
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
@@ -136,10 +137,17 @@ def tests_of(mutant: Mutant) -> list[list[str]]:
             tree = ast.parse((ROOT / mutant.file).read_text(encoding="utf-8"))
             for span in _spans(tree, mutant.line(ROOT) + 1):
                 names = {name.rpartition("|")[0] for line in span for name in contexts.get(line, ())} - {""}
-                if names:
-                    return [sorted(names)]
+                if names := {name if name in _collected() else name.partition("::")[0] for name in names}:
+                    return [sorted(name for name in names if "::" in name or (ROOT / name).exists())]
         groups = [rooms.files(mutant.room)]
     return [[path.relative_to(ROOT).as_posix() for path in files] for files in groups]
+
+
+@cache
+def _collected() -> set[str]:
+    """Names of all tests; since the record was made, some may have been renamed."""
+    done = subprocess.run([sys.executable, "-m", "pytest", "--collect-only"], cwd=ROOT, capture_output=True)
+    return {line for line in done.stdout.decode().splitlines() if "::" in line}
 
 
 def _copy(folder: Path) -> Path:
