@@ -47,7 +47,7 @@ def rows(name: str, *words: str, smallest: bool = False):
 def run(name: str, *words: str, smallest: bool = False, store: bool = False) -> None:
     """Run a benchmark and print its rows; store its numbers if requested."""
     for room in BENCHMARKS[name].rooms if store else ():
-        records.fingerprint(room)  # raises for a missing room before anything is measured
+        records.files_of(room)  # raises for a missing room before anything is measured
     found, lines, start = {}, [], os.times()
     for row in rows(name, *words, smallest=smallest):
         console.print(row if isinstance(row, str) else line(row), markup=False, highlight=False, soft_wrap=True)

@@ -95,16 +95,22 @@ def _plain(node) -> str:
     return f"{type(node).__name__}({' '.join(parts)})"
 
 
-def fingerprint(room: str, root: Path = ROOT, modules: str | None = None) -> str:
-    """Hash of the code of a room (a folder or file of `src/stickslip`), without comments and docstrings.
-
-    With `modules`, separated by spaces, only these files of Python code are included.
-    """
+def files_of(room: str, root: Path = ROOT) -> list[Path]:
+    """Files of code of a room; FileNotFoundError if there are none."""
     place = root / "src" / "stickslip" / room
     files = [place] if place.is_file() else [*place.rglob("*"), place.with_name(f"{place.name}.py")]
     code = sorted(path for path in files if path.is_file() and path.suffix in CODE and ".objects" not in path.parts)
     if not code:
         raise FileNotFoundError(f"src/stickslip has no room {room!r}")
+    return code
+
+
+def fingerprint(room: str, root: Path = ROOT, modules: str | None = None) -> str:
+    """Hash of the code of a room (a folder or file of `src/stickslip`), without comments and docstrings.
+
+    With `modules`, separated by spaces, only these files of Python code are included.
+    """
+    code = files_of(room, root)
     if modules is not None:
         used = {root / "src" / "stickslip" / name for name in modules.split()}
         code = [path for path in code if path.suffix != ".py" or path in used]

@@ -18,7 +18,7 @@ from stickslip.wings.papers.disk_array import claims as disk_array
 from stickslip.wings.papers.disk_array import claims_of_motion as printed
 from stickslip.wings.papers.disk_array import figures
 from stickslip.wings.papers.disk_array import measures as disk_measures
-from tests.conftest import stickslip_here
+from tests.conftest import stickslip_here, without_drawing
 
 pytestmark = pytest.mark.timeout(900)
 FORWARD = [f"forward-front-speed-{f}" for f in ("0.083", "0.087", "0.090")]
@@ -58,7 +58,7 @@ def fewer(make, **less):
 def folder(tmp_path_factory):
     """A quick reproduction in one process, with few realizations, frames and variants: nothing depends on these."""
     out = tmp_path_factory.mktemp("reproduce") / "quick"
-    with pytest.MonkeyPatch.context() as now:
+    with pytest.MonkeyPatch.context() as now, without_drawing():  # tests/unit/test_figures.py looks at figures
         now.setattr(figures, "transition_movie", partial(figures.transition_movie, frames=16))
         now.setitem(disk_measures.REALIZATIONS, True, 2)
         now.setattr(disk_array, "VARIED", ({"array": {"disks": 2}}, {"law": {"mu": 0.95}}))
@@ -183,10 +183,7 @@ def test_physics_that_does_not_depend_on_the_length_of_the_runs(claims):
 def test_figures_animation_and_numbers_are_there(folder):
     names = {p.name for p in folder.iterdir()}
     assert {"claims.json", "claims.md", "claims.png", "results.h5", "scenario.json", "transition.gif"} <= names
-    for k in range(2, 9):
-        (picture,) = folder.glob(f"fig{k}_*.png")
-        with Image.open(picture) as image:
-            assert len(image.convert("L").getcolors()) > 20, "a blank figure"
+    assert sorted(name[:4] for name in names if name.endswith(".png")) == ["clai", *(f"fig{k}" for k in range(2, 9))]
     with Image.open(folder / "transition.gif") as movie:
         assert movie.n_frames > 12
     with h5py.File(folder / "results.h5") as file:

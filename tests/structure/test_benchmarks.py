@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import BENCHMARKS
 from benchmarks.__main__ import line, listing, main, rows
-from benchmarks.records import ROOT, fingerprint, measured
+from benchmarks.records import ROOT, files_of, measured
 
 # less than a second each
 CHEAP = {"budgets", "device", "first_result", "inclusions", "lammps_ranks", "pairs_by_law", "rigid_clusters", "spheres"}
@@ -26,7 +26,7 @@ def test_it_runs_at_its_smallest_size(name, monkeypatch):
 def test_the_list_has_every_benchmark_and_their_rooms_exist():
     modules = {path.stem for path in Path(ROOT, "benchmarks").glob("*.py") if "\ndef rows(" in path.read_text()}
     assert {one.place.split(":")[0] or name for name, one in BENCHMARKS.items()} == modules - {"__main__"}
-    assert all(fingerprint(room) for one in BENCHMARKS.values() for room in one.rooms)
+    assert all(files_of(room) for one in BENCHMARKS.values() for room in one.rooms)
     assert listing().row_count == len(BENCHMARKS)
 
 
