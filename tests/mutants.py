@@ -4,7 +4,8 @@ The faults are in mutants.toml. Each names a file, the text of a line, and the f
 found more than once, is an error of the list. `--record` runs the suite once and stores the lines executed by each
 test. The tests of a fault are those that execute its statement. Without a record, they are the tests of the room of the
 file (see `rooms.py`); for the compiled core, those of `CORE`. The test that noticed a fault the last time, which is
-stored in mutants.json, runs before all others, then the fastest; slow tests not at all.
+stored in mutants.json, runs before all others, then the fastest; slow tests not at all. Faults with few tests come
+first.
 
 python -m tests.mutants [--record] [--room solve] [--sample 20] [--missing] [--workers 2] [--check]
 """
@@ -20,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -40,6 +41,7 @@ CORE = (  # folders with tests of the compiled core; those most likely to notice
     ("tests/unit",),
 )
 COPIED = ("src", "tests", "docs", "examples", "benchmarks", "release", "paper")
+MANY = 100  # assumed number of tests in a file
 LONGEST = 1800  # limit for the tests of one fault [s]
 EXIT = "exit code "  # prefix of the outcome of tests that were not run
 
@@ -224,6 +226,8 @@ def main() -> None:
         record()
     known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
     left = [mutant for mutant in chosen if not (given.missing and known.get(mutant.name))]
+    tests = {mutant: tests_of(mutant) for mutant in left}
+    left.sort(key=lambda one: sum(1 if "::" in name else MANY for names in tests[one] for name in names))
     roots: SimpleQueue[Path] = SimpleQueue()
 
     def run(mutant: Mutant) -> str:
@@ -232,7 +236,7 @@ def main() -> None:
             last = known.get(mutant.name, "")
             if "::" in last and "::" in (noticed := is_noticed(mutant, root, [[last]], right)):
                 return noticed
-            return is_noticed(mutant, root, tests_of(mutant), right)
+            return is_noticed(mutant, root, tests[mutant], right)
         finally:
             roots.put(root)
 
@@ -240,8 +244,10 @@ def main() -> None:
         right = _copy(Path(name) / "right")
         for k in range(given.workers):
             roots.put(_copy(Path(name) / str(k)))
-        for mutant, noticed in zip(left, pool.map(run, left), strict=True):
-            known[mutant.name] = noticed
+        jobs = {pool.submit(run, mutant): mutant for mutant in left}
+        for job in as_completed(jobs):
+            mutant = jobs[job]
+            known[mutant.name] = noticed = job.result()
             print(f"{'noticed' if noticed else 'MISSED '}  {mutant.file}: {mutant.now}  {noticed}", flush=True)
             RESULTS.write_text(json.dumps(dict(sorted(known.items())), indent=1, ensure_ascii=False) + "\n", "utf-8")
     share = sum(bool(known[mutant.name]) for mutant in chosen) / max(1, len(chosen))
