@@ -143,7 +143,12 @@ def test_the_animation_is_what_the_linearised_motion_does(unstable):
     q = np.array(
         [np.hstack([f.grains["displacement"], f.grains["rotation"] * unstable.grains.radius[:, None]]) for f in frames]
     )
-    dt = frames[1].state.time - frames[0].state.time
+    times = np.array([f.state.time for f in frames]) - unstable.time
+    dt, period = times[1], 2 * np.pi / abs(s.imag)
+    unit = 1e-3 / (np.linalg.norm(full[:, :3], axis=1) / unstable.grains.radius).max()  # reached after a period
+    np.testing.assert_allclose(
+        q, unit * np.real(full * np.exp(s * times - s.real * period)[:, None, None]), atol=1e-9 * np.abs(q).max()
+    )
     bend = (q[2:] - 2 * q[1:-1] + q[:-2]) / dt**2
     root = np.sqrt(free.mass)
     pull = -(dynamical_matrix(unstable, SMOOTH, free) @ (root * q[1:-1].reshape(398, -1)[:, free.component]).T).T / root

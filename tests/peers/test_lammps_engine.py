@@ -458,6 +458,13 @@ def test_drag_in_a_deforming_cell_is_relative_to_its_flow(peer):
         assert differ(free.grains.velocity, ours.grains.velocity) > 0.05
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_inertia_of_a_cell_depends_on_the_dimension(dim, tmp_path):
+    leg = Leg(under_stress({"yy": 0.02}, dim=dim), REFF, DT, 10, 1)
+    mass, power = re.search(r"/\(([\d.]+)\*vol\^([\d.]+)\)", script.write_input(leg, tmp_path).read_text()).groups()
+    assert (float(mass), float(power)) == pytest.approx((20.0, 2 / dim))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("stress", [{"yy": 0.02}, {"xx": 0.02, "yy": 0.02}])
 def test_a_cell_in_shear_under_stress_agrees_while_its_tilt_grows(peer, stress):

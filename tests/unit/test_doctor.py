@@ -60,6 +60,8 @@ def test_what_breaks_on_the_way_is_reported_and_the_rest_goes_on(monkeypatch, ca
     said = capsys.readouterr().out
     assert "no such compiler" in said
     assert "4 of 8 numbers are wrong" in said
+    report.show_checks(result._replace(checks=result.checks[:-1], problem=""))
+    assert f"{3 + result.checks[-1].ok} of 7 numbers are wrong" in capsys.readouterr().out
     wrong = [row for row in json.loads(report.to_json({}, {}, {}, [], result))["selfcheck"] if not row["ok"]]
     assert [row["deviation"] for row in wrong] == [None] * 4
     assert [row["measured"] for row in wrong if row["name"] != BITS] == [None] * 3

@@ -424,6 +424,10 @@ def test_verdicts_follow_the_numbers():
     coarse[0] = made((60.0, "thrust"), 40e3 / 1500, 1.002)  # an error that the ratio of the cells makes larger
     unsure = {c.id for c in evaluate_claims(fine, coarse) if c.verdict == "undecided"}
     assert unsure == {"slip-250-60-thrust", "slip-490-60-thrust"}
+    coarse[0] = made((60.0, "thrust"), 50.0, 1.002)  # cells twice as long: the change is the error, not a third of it
+    claims = {c.id: c for c in evaluate_claims(fine, coarse)}
+    slip = claims["slip-250-60-thrust"]
+    assert slip.error == pytest.approx(0.002 * abs(slip.measured))
 
 
 @pytest.mark.slow

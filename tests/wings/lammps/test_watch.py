@@ -131,6 +131,8 @@ def test_a_table_comes_back_as_it_was_written(tmp_path):
     rows = rows | {5: watching.Row(5, "x", note='damaged, "quite"')}
     write_rows(tmp_path / "t.csv", rows, how)
     assert read_rows(tmp_path / "t.csv", how) == {step: row for step, row in rows.items() if step != 5}
+    with pytest.raises(ValueError, match=r"was computed with another law \(hertz_.*\): give another --out"):
+        read_rows(tmp_path / "t.csv", how | {"parameters": [0.0]})  # of a law with the same description
     (tmp_path / "t.csv").write_text("time,friction\n0,1\n")
     with pytest.raises(ValueError, match="is not a table that stickslip watch wrote"):
         read_rows(tmp_path / "t.csv", how)

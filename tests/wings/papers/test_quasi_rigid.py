@@ -8,7 +8,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.loading.compression import LEFT, RIGHT, TOP
+from stickslip.loading.compression import BOTTOM, LEFT, RIGHT, TOP
 from stickslip.runs.folder import write_result
 from stickslip.wings.papers.quasi_rigid import EXPERIMENT
 from stickslip.wings.papers.quasi_rigid import cases as sliding
@@ -17,8 +17,10 @@ from stickslip.wings.papers.quasi_rigid.simulate import (
     Curve,
     SlowDynamics,
     collapse_load,
+    prepare,
     simulate_quasi,
     strain_difference,
+    stress_strain_curve,
     table_one,
 )
 from tests.conftest import stickslip_here as stickslip
@@ -157,6 +159,46 @@ def test_shear_from_the_command_line(tmp_path):
     text = json.loads((tmp_path / "out" / "scenario.json").read_text())
     assert text["loading"]["test"] == "shear"
     assert not (tmp_path / "out" / "fig5_dynamics.png").exists()
+
+
+def test_strains_of_a_sheared_cell_are_positive_in_compression():
+    state = ss.packings.sheared_box(12, seed=1)[0]
+    wide = state._replace(cell=state.cell._replace(vectors=state.cell.vectors * [[1.1, 1, 1], [1, 1.1, 1], [1, 1, 1]]))
+    chosen = ss.scenario(experiment="quasi-rigid", loading={"test": "shear"})
+    assert stress_strain_curve([state, wide], [0.0, 1.0], chosen).volumetric == pytest.approx([0.0, 1 - 1.1**2])
+
+
+def test_stresses_of_a_box_are_forces_over_the_length_on_which_they_act():
+    chosen = ss.scenario(experiment="quasi-rigid", disks={"number": 12})
+    state, _, end = prepare(chosen, 1)
+    point, force = state.walls.point.copy(), end.force[12:]
+    high, wide = point[TOP, 1] - point[BOTTOM, 1], point[RIGHT, 0] - point[LEFT, 0]
+    point[RIGHT, 0] += high
+    stretched = state._replace(walls=state.walls._replace(point=point), control=end)
+    curve = stress_strain_curve([state, stretched], [0.0, 1.0], chosen)
+    assert curve.ratio[1] == pytest.approx(force[TOP, 1] / (wide + high) / (force[RIGHT, 0] / high))
+    assert curve.volumetric[1] < 0 == curve.volumetric[0]
+
+
+@pytest.mark.parametrize(("wall", "axis", "loaded"), [("top", 1, TOP), ("right", 0, RIGHT)])
+def test_the_wall_of_the_scenario_is_loaded(wall, axis, loaded):
+    chosen = ss.scenario(experiment="quasi-rigid", disks={"number": 12}, loading={"wall": wall})
+    state, _, end = prepare(chosen, 1)
+    factor = np.ones((16, 3))
+    factor[12 + loaded, axis] = chosen.loading.factor
+    assert np.array_equal(end.force, factor * state.control.force)
+
+
+def test_seeds_of_vibrations_are_their_velocities(monkeypatch):
+    state, law = ss.packings.biaxial_box(12, seed=1)
+    seen = []
+    monkeypatch.setattr(sliding, "_watch", lambda state, *rest: (seen.append(state.grains.velocity), (0.0, 0.0))[1])
+    for seed in (1, 2):
+        sliding.vibrate(state, law, seed)
+    first, still, second, _ = seen
+    assert not still.any() and not np.allclose(first, second)
+    sizes = first[:, :2] / np.random.default_rng(1).normal(size=first[:, :2].shape)
+    assert sizes == pytest.approx(np.full(sizes.shape, sizes[0, 0])) and not first[:, 2].any()
 
 
 @pytest.mark.parametrize(
