@@ -1,6 +1,7 @@
 """Durations of tests: `make durations` measures them, stores them in durations.json, and prints the slowest.
 
-Processor time includes that of child processes that have ended. Files start in the order of their stored durations,
+Processor time includes that of child processes that have ended, and is stored in seconds of a reference machine, to
+which a fixed workload compares this machine. Files start in the order of their stored durations,
 longest first, so that no worker is left with a long file at the end. `--shard 3/8` runs the third of eight parts of
 about equal duration, which together contain all tests; `make slow` stores the durations of its part. Parts follow from
 the durations stored at the last commit, so that the parts of one series fit together.
@@ -11,17 +12,31 @@ import json
 import os
 import shutil
 import subprocess
+import time
 from collections import Counter, defaultdict
 from itertools import accumulate
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 STORE = Path(__file__).with_name("durations.json")
 LEAST, SHOWN = 0.2, 10  # shortest test stored individually [s], and number of tests printed per folder
 _SPENT = pytest.StashKey[float]()
 KINDS = "seconds", "slow"
+WORKLOAD = 0.021  # processor time of `slowness` on the reference machine, on which the suite has a limit [s]
 UNKNOWN = 1.0  # assumed duration of a test if no test has been measured [s]
+
+
+def slowness() -> float:
+    """Processor time of a fixed workload, Python with small arrays as in most tests, over that of the reference."""
+    spent = []
+    for _ in range(7):
+        start, values = time.process_time(), np.ones((30, 3))
+        for k in range(10_000):
+            values = np.sqrt(values + values[k % 30])
+        spent.append(time.process_time() - start)
+    return min(spent) / WORKLOAD
 
 
 def shard(text: str) -> tuple[int, int]:
@@ -146,11 +161,12 @@ class _Store:
     def pytest_sessionfinish(self):
         values = {kind: stored(kind) for kind in KINDS}
         kept = {name: seconds for name, seconds in values[self.kind].items() if self._is_kept(name)}
-        for name, seconds in self.seconds.items():
+        slow = slowness()
+        for name, seconds in ((name, seconds / slow) for name, seconds in self.seconds.items()):
             entry = name if seconds >= LEAST or self.kind == "slow" else name.partition("::")[0]
             kept[entry] = kept.get(entry, 0.0) + seconds
         values[self.kind] = {name: round(seconds, 2) for name, seconds in sorted(kept.items())}
-        STORE.write_text(json.dumps({"unit": "s of processor time"} | values, indent=1) + "\n")
+        STORE.write_text(json.dumps({"unit": "s of processor time of the reference machine"} | values, indent=1) + "\n")
 
     def pytest_terminal_summary(self, terminalreporter):
         folders = defaultdict(list)

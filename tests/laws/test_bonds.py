@@ -296,7 +296,10 @@ def test_files_keep_bonds(cemented, tmp_path, suffix):
     back, _ = ss.io.read_packing(tmp_path / f"p.{suffix}")[:2]
     assert all(np.array_equal(a, b) for a, b in zip(back.bonds, end.bonds, strict=True))
     np.testing.assert_allclose(ss.forces(back, LAW)[0].force, ss.forces(end, LAW)[0].force, atol=1e-12)
-    assert any("does not store bonds" in note for note in ss.io.write_packing(tmp_path / "p.csv", end, LAW))
+    notes = ss.io.write_packing(tmp_path / "p.csv", end, LAW)
+    ss.io.write_packing(tmp_path / "bare.csv", ss.packings.without_bonds(end), LAW)
+    written = [sorted(path.read_text() for path in tmp_path.glob(f"{name}*.csv")) for name in ("p", "bare")]
+    assert any("does not store bonds" in note for note in notes) and written[0] == written[1]
 
 
 def test_functions_that_would_ignore_bonds_refuse_them(cemented):

@@ -20,8 +20,8 @@ from stickslip.data.schema import ScenarioError
 from stickslip.experiments.registry import read_scenario
 from stickslip.extras import MissingExtraError
 from stickslip.wings.faults.friction.laboratory import steady_mean
+from stickslip.wings.lammps import cell, script
 from stickslip.wings.lammps import run as process
-from stickslip.wings.lammps import script
 from stickslip.wings.lammps.run import leg_folder, restart_path, run_in_lammps, run_leg, walls_at
 from stickslip.wings.lammps.supported import check_leg
 from stickslip.wings.studies.flow import SETTLING, SHEARED
@@ -456,6 +456,24 @@ def test_drag_in_a_deforming_cell_is_relative_to_its_flow(peer):
             assert differ(getattr(theirs.grains, name), getattr(ours.grains, name)) < 1e-10, name
         assert differ(theirs.cell.vectors, ours.cell.vectors) < 1e-12
         assert differ(free.grains.velocity, ours.grains.velocity) > 0.05
+
+
+def test_formulas_of_a_deforming_cell_are_those_of_matrices():
+    """Formulas of LAMMPS's variables for upper triangular matrices, as those of Python, beside NumPy."""
+    a, b = np.triu(np.random.default_rng(0).uniform(0.5, 2.0, (2, 3, 3)))
+    left, right = ({(i, j): f"({m[i, j]})" for i in range(3) for j in range(i, 3)} for m in (a, b))
+
+    def value(formulas):
+        out = np.zeros((3, 3))
+        for place, text in formulas.items():
+            out[place] = eval(text)
+        return out
+
+    np.testing.assert_allclose(value(cell._inverse(left)), np.linalg.inv(a), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(value(cell._product(left, right, left)), a @ b @ a, rtol=1e-12)
+    np.testing.assert_allclose(value(cell._sum((2.0, left), (-0.5, right))), 2 * a - 0.5 * b, rtol=1e-12)
+    one, turn = np.eye(3), value(cell._turn(right, 0.1))
+    np.testing.assert_allclose(turn, np.linalg.solve(one + 0.025 * b, one - 0.025 * b), rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
