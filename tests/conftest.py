@@ -121,7 +121,7 @@ def _loud_floating_point():
 PLAIN = {
     "hardening", "restart", "ensemble", "laws", "peers", "exchange", "lammps", "reports", "test_cli", "test_output",
     "test_lock", "test_help", "test_flow", "test_fault_experiment", "test_rate_state_cli", "test_noisy_records",
-    "test_pasted_advice", "test_gouge_samples",
+    "test_pasted_advice", "test_gouge_samples", "test_units",
 }  # fmt: skip
 _savefig = Figure.savefig
 

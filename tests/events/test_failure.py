@@ -170,7 +170,7 @@ def test_a_killed_path_continues_with_the_same_bits(tmp_path):
     assert whole.end == again.end
 
 
-def test_the_command_takes_every_input_and_resumes(few_spheres, tmp_path):
+def test_the_command_takes_every_input_and_resumes(few_spheres, tmp_path, request):
     state, law, _ = ss.io.read_packing(few_spheres)
     ss.io.write_packing(tmp_path / "packing.h5", state, law)
     ss.io.write_packing(tmp_path / "packing.data", state, law)
@@ -182,6 +182,7 @@ def test_the_command_takes_every_input_and_resumes(few_spheres, tmp_path):
         done = stickslip_here("shear", name, *options, *how, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         assert json.loads(done.stdout)["command"] == "shear"
+        request.getfixturevalue("plain_figures")  # those of the first are drawn
         with (tmp_path / out / "curve.csv").open() as file:
             curves.append([float(row["strain"]) for row in csv.DictReader(file)])
         assert {"events.csv", "pairs.csv", "contacts.csv", "forecasts.csv", "fig1_path.png", "report.html"} <= {
@@ -193,6 +194,7 @@ def test_the_command_takes_every_input_and_resumes(few_spheres, tmp_path):
     assert all("Decisive contacts" in page and "strain 0.0002" in page for page in pages)
 
 
+@pytest.mark.usefixtures("plain_figures")
 def test_a_killed_command_continues_without_its_input(few_spheres, tmp_path, monkeypatch):
     from stickslip.wings.studies.failure import simulate
 

@@ -38,7 +38,8 @@ _WITHOUT_TEXT = {
 
 def headings() -> dict[str, str]:
     """Return the headings of each page of documentation."""
-    return {name: " ".join(re.findall(r"^#+ (.*)$", page(name), re.M)) for name in pages()}
+    texts = {name: file.read_text(encoding="utf-8") for name, file in _pages().items()}
+    return {name: " ".join(re.findall(r"^#+ (.*)$", text, re.M)) for name, text in texts.items()}
 
 
 def names() -> dict[str, str]:
