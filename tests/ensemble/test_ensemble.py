@@ -221,3 +221,14 @@ def test_processes_wait_for_later_tasks_if_only_this_package_runs(own):
         waiting_processes.pop().end()
     worker.run_tasks(enumerate([pickle.dumps((os.getpid, ()))] * 3), 2, lambda *_: None, None, own=own)
     assert len(waiting_processes) in ((1, 2) if own else (0,))
+
+
+@pytest.mark.parametrize(
+    ("problem", "text"),
+    [
+        (ValueError("a sentence"), "a sentence"), (RuntimeError("another"), "another"), (ValueError(), "ValueError: "),
+        (KeyError("x"), "KeyError: 'x'"), (TypeError("not for users"), "TypeError: not for users"),
+    ],
+)  # fmt: skip
+def test_errors_that_are_no_sentence_are_named(problem, text):
+    assert worker.describe_error(problem) == text

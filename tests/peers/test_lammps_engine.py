@@ -629,3 +629,10 @@ def test_a_folder_written_for_a_queue_is_read_back(peer, tmp_path):
     k = np.flatnonzero(here.series.kinetic_energy > 0)[5]
     assert differ(found.series.center[: k + 1], here.series.center[: k + 1]) < 1e-10
     assert found.series.time == pytest.approx(here.series.time)
+
+
+def test_grains_of_different_inertia_have_no_factor():
+    state = stirred()
+    assert cell.inertia_factor(state) == pytest.approx(0.4)
+    other = state.grains.inertia * np.where(np.arange(len(state.grains.mass)) % 2, 1.0, 1.5)
+    assert np.isnan(cell.inertia_factor(state._replace(grains=state.grains._replace(inertia=other))))

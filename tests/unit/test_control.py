@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.contacts.neighbors import body_positions
+from stickslip.core.control import spring_forces
+from stickslip.loading import quasistatic
 from tests.conftest import make_law
 from tests.derivatives.test_jacobian import differences, overlaps, sample
 from tests.properties.test_determinism import flowing
@@ -144,3 +147,22 @@ def test_the_examples_of_control_work():
 def test_a_rigid_group_keeps_the_velocity_that_drives_it():
     driven = ss.control.driven(ss.control.loads(3), [0, 1], [0.1, 0.2, 0, 0, 0, 0.3])
     assert ss.control.rigid(driven, [0, 1]).rate[:2].tolist() == [[0.1, 0.2, 0, 0, 0, 0]] * 2
+
+
+def test_a_machine_exerts_the_force_that_it_replaces():
+    state, _ = ss.packings.biaxial_box(12, pressure=1e-3, seed=1)
+    lid = 12 + ss.packings.TOP
+    held = ss.quasirigid.with_machine(state, lid, 100.0)
+    pull = spring_forces(held.control, body_positions(held), held.time)
+    np.testing.assert_allclose(pull[lid], state.control.force[lid], rtol=1e-9)
+    assert state.control.force[lid].any() and not held.control.force[lid].any()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_tolerances_of_shear_are_forces_on_a_diameter(dim, monkeypatch):
+    law, tolerances = make_law("hertz_mindlin", "sharp"), []
+    monkeypatch.setattr(quasistatic, "_settle", lambda state, load, law, tolerance: tolerances.append(tolerance))
+    state, _ = ss.packings.jammed(10, dim=dim, packing_fraction=0.86 if dim == 2 else 0.66, seed=1)
+    ss.protocols.cell_shear(law, 1e-3, tolerance=1e-7).settle(state, 0.0)
+    diameter = 2 * state.grains.radius.mean()
+    assert tolerances == [pytest.approx(1e-10 * diameter ** (dim - 1))] and abs(diameter - 1) > 0.01
