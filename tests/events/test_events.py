@@ -52,6 +52,7 @@ def varied():
     return search(FRICTIONLESS, 3, 0.006, fraction=0.88, **how), search(LINEAR, 3, 0.006, **coarse, **how)
 
 
+# 6 s: a search for events, on which several tests look
 def test_brackets_are_as_narrow_as_the_resolution(frictionless, sliding, varied):
     assert varied[1].resolution == 1e-5 > sliding.resolution
     for record in (frictionless, sliding, *varied):

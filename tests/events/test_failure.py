@@ -132,6 +132,7 @@ def test_the_life_of_a_pair_is_that_of_the_steps():
     assert (life.at, life.growth) == (fastest.strain, pytest.approx(fastest.growth))
 
 
+# 5 s: a search for events beside the path
 def test_the_first_event_is_that_of_the_search():
     known = found(FRICTIONLESS, 3, 0.006, fraction=0.88).events[0]
     state = packing(FRICTIONLESS, 3, 0.88)

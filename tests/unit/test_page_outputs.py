@@ -69,6 +69,7 @@ def require_output(shown: list[str], printed: str) -> None:
     assert skip or not rest, f"the page ends before {rest[0]!r}"
 
 
+# 4 s: commands of pages in processes, as users start them
 @pytest.mark.parametrize("session", SESSIONS)
 def test_the_commands_print_what_the_page_shows(session, tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")

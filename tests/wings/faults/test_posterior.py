@@ -157,6 +157,7 @@ def folder(tmp_path_factory):
     return place
 
 
+# 4 s: as many draws as percentiles need
 def test_the_command_writes_draws_a_figure_and_percentiles(folder):
     done = stickslip_here("fit", "record.csv", "--law", "slip", "--posterior", "--out", "fit", cwd=folder)
     assert done.returncode == 0, done.stderr

@@ -279,6 +279,7 @@ def test_branches_start_where_they_were_told_to(ran):
         assert reslide.series.slip[0] - hold.slip[at] < 2 * reslide.velocity * INTERVAL
 
 
+# 4 s: a sample that is tested from several states
 def test_several_branches_start_along_one_slide(tmp_path):
     """Spaced as asked, in whichever process, with the same results; what is finished is not run again."""
     hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (4e-4,), "after": (), "approach": 0.1}

@@ -214,6 +214,7 @@ def test_a_travel_is_a_vector(travel):
         ss.quasirigid.with_travel(held.control, lid, travel)
 
 
+# 5 s: a scenario whose path goes through collapses
 def test_scenarios_go_through_collapses(tmp_path):
     table = {"experiment": "quasi-rigid", "seed": 2, "disks": {"number": 30}, "dynamics": {"times": ()}}
     loading = {"factor": 1.5, "increment": 0.05, "collapses": True}

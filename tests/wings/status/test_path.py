@@ -126,6 +126,7 @@ def test_forces_stay_in_the_cone_and_balance_along_the_path():
     holds_everywhere(path)
 
 
+# 10 s: boxes are loaded until one meets every open decision; which one that is differs among processors
 def test_what_is_not_known_of_uniqueness_is_counted_and_reported(monkeypatch):
     """Every decision whose certificate, or search at the apex, leaves it open, once."""
     open_ = []
