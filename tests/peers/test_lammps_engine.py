@@ -476,6 +476,13 @@ def test_formulas_of_a_deforming_cell_are_those_of_matrices():
     np.testing.assert_allclose(turn, np.linalg.solve(one + 0.025 * b, one - 0.025 * b), rtol=1e-12, atol=1e-15)
 
 
+def test_drag_slows_a_cell_by_half_before_and_half_after_its_pull(tmp_path):
+    leg = Leg(under_stress({"yy": 0.02}), REFF, DT, 10, 1, drag=0.3)
+    text = script.write_input(leg, tmp_path).read_text()
+    h, kept = 0.5 * DT, [float(x) for x in re.findall(r"cell_next_y equal v_cell_rate_y\*\(?([-\d.e]+)", text)]
+    assert kept == pytest.approx([1 - 0.3 * h, (1 - 0.3 * h) / (1 + 0.3 * h)], rel=1e-12)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_inertia_of_a_cell_depends_on_the_dimension(dim, tmp_path):
     leg = Leg(under_stress({"yy": 0.02}, dim=dim), REFF, DT, 10, 1)
