@@ -166,3 +166,9 @@ def test_tolerances_of_shear_are_forces_on_a_diameter(dim, monkeypatch):
     ss.protocols.cell_shear(law, 1e-3, tolerance=1e-7).settle(state, 0.0)
     diameter = 2 * state.grains.radius.mean()
     assert tolerances == [pytest.approx(1e-10 * diameter ** (dim - 1))] and abs(diameter - 1) > 0.01
+
+
+def test_free_runs_are_sampled_in_units_of_time():
+    state, law = ss.packings.biaxial_box(12, pressure=1e-3, seed=1)
+    _, record, _ = ss.protocols.free_run(state, law, duration=2.0, dt=0.05, sample=0.4)
+    np.testing.assert_allclose(np.diff(record.time), 0.4)

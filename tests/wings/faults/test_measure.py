@@ -108,3 +108,8 @@ def test_a_hold_lowers_friction_by_what_is_missing_at_its_end():
 def test_bad_input_gives_a_one_sentence_error(call, sentence):
     with pytest.raises(ValueError, match=sentence):
         call()
+
+
+def test_slides_after_holds_may_have_another_velocity():
+    legs = slide_hold_slide([1.0, 3.0], velocity=2.0, distance=4.0, reslide=8.0)
+    assert [(leg.velocity, leg.duration) for leg in legs] == [(2, 2), (0, 1), (8, 0.5), (0, 3), (8, 0.5)]

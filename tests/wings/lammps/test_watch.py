@@ -15,7 +15,7 @@ from stickslip.solve.freedom import ZERO_BELOW, backbone, dynamical_matrix
 from stickslip.solve.spectrum import softest_eigenvalue
 from stickslip.wings.lammps import watch as watching
 from stickslip.wings.lammps.watch import watch
-from stickslip.wings.lammps.watch_record import describe, read_rows, write_rows
+from stickslip.wings.lammps.watch_record import describe, read_rows, watched_stress, write_rows
 from tests.conftest import stickslip_here
 from tests.exchange.packings import SHARP, spheres
 
@@ -244,3 +244,13 @@ def test_bad_input_has_one_sentence(spoil, arguments, sentence, tmp_path, monkey
 def test_a_folder_without_any_usable_frame_is_refused_in_python_too(tmp_path):
     with pytest.raises(PackingError, match="does not exist"):
         list(ss.io.follow_packings(tmp_path / "none", **LAW))
+
+
+def test_shear_stress_is_half_the_difference_of_principal_stresses():
+    for row in list(watch(open_source(SHEARED, **LAW), {}, once=True))[-1].rows.values():
+        tensor = np.array([[getattr(row, f"stress_{a}{b}") for b in "xyz"] for a in "xyz"])
+        low, *_, high = np.linalg.eigvalsh(0.5 * (tensor + tensor.T))
+        assert row.shear_stress == pytest.approx(0.5 * (high - low))
+        assert row.pressure == pytest.approx(np.trace(tensor) / 3)
+    figure = watched_stress(np.array([1, 2, 3]), np.array([2.0, 4.0, 0.0]), np.array([1.0, 1.0, 1.0]))
+    assert figure.axes[1].lines[0].get_ydata().tolist() == [0.5, 0.25]
