@@ -254,3 +254,11 @@ def test_shear_stress_is_half_the_difference_of_principal_stresses():
         assert row.pressure == pytest.approx(np.trace(tensor) / 3)
     figure = watched_stress(np.array([1, 2, 3]), np.array([2.0, 4.0, 0.0]), np.array([1.0, 1.0, 1.0]))
     assert figure.axes[1].lines[0].get_ydata().tolist() == [0.5, 0.25]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_pressure_of_a_frame_is_that_of_the_plane_or_of_space(dim):
+    law = ss.laws.hertz_mindlin()
+    state, _ = ss.packings.jammed(10, dim=dim, packing_fraction=0.9 if dim == 2 else 0.7, seed=1)
+    row = watching._add_stress(watching.Row(0, "x"), state, law)
+    assert row.pressure == pytest.approx(ss.measure.pressure(state, law)) and row.pressure > 0
