@@ -151,6 +151,15 @@ def test_screening_is_recovered(screening, dim):
     assert fits.preferred == ("odd" if dim == 2 else "dipole")
 
 
+def test_aicc_of_all_models_is_corrected_for_the_number_of_rings():
+    """Burnham and Anderson: χ² over its excess, which is that of the richest model for all, + 2k + 2k(k+1)/(n−k−1)."""
+    excess = []
+    for fit in made(np.random.default_rng(0), 0.03 + 0.02j, 1e-2).fit().models:
+        k, n = len(fit.errors), fit.rings.mean.size
+        excess.append(fit.misfit / (fit.aicc - 2 * k - 2 * k * (k + 1) / (n - k - 1)))
+    assert len(excess) == 3 and excess == pytest.approx([excess[0]] * 3, rel=1e-9) and excess[0] >= 1
+
+
 def test_a_field_without_tangential_displacement_is_fitted():
     field = made(np.random.default_rng(0), 0.0, 0.0)
     normal = field.offset / np.linalg.norm(field.offset, axis=2, keepdims=True)
