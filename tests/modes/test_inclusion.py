@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.special import jv, spherical_jn, spherical_yn, yv
+from scipy.special import jv, spherical_jn, spherical_yn, stdtrit, yv
 
 import stickslip as ss
+from stickslip.solve import inclusion as module
 from stickslip.solve.inclusion import Inflation
 from tests.modes.conftest import sheared, triangular
 
@@ -158,6 +159,19 @@ def test_aicc_of_all_models_is_corrected_for_the_number_of_rings():
         k, n = len(fit.errors), fit.rings.mean.size
         excess.append(fit.misfit / (fit.aicc - 2 * k - 2 * k * (k + 1) / (n - k - 1)))
     assert len(excess) == 3 and excess == pytest.approx([excess[0]] * 3, rel=1e-9) and excess[0] >= 1
+
+
+def test_errors_follow_from_the_scatter_of_parts_with_students_quantile():
+    rng, rings, parts, n = np.random.default_rng(2), 3, 5, 300
+    ring, part, value = rng.integers(rings, size=n), rng.integers(parts, size=n), rng.normal(size=n)
+    found = module._ring_means(ring, [np.ones(n), value], part, parts)
+    mean = np.array([value[ring == k].mean() for k in range(rings)])
+    sums = [[(value - mean[ring])[(ring == k) & (part == p)].sum() for p in range(parts)] for k in range(rings)]
+    np.testing.assert_allclose(found.mean[0], mean)
+    np.testing.assert_allclose(found.covariance, parts * np.cov(sums) / np.outer(found.count, found.count))
+    field = made(rng, 0.0, 0.01).fit().models[0].rings
+    few, many = (module.screening_fits(field._replace(parts=p), 1.0).models[0].errors for p in (8, 800))
+    assert few / many == pytest.approx(np.full(len(few), stdtrit(7, 0.975) / stdtrit(799, 0.975)))
 
 
 def test_a_field_without_tangential_displacement_is_fitted():
