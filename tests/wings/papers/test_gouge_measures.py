@@ -1,5 +1,7 @@
 """Measures of gouge on made-up samples: what is read off holds, slides after them, and velocity steps."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -99,3 +101,13 @@ def test_predicted_slopes_are_those_of_the_slip_law():
     times = np.geomspace(1e-3, 1.0, 200)
     slope = gouge_curves.predict_per_efold(result, 0.03, times, "slip")
     assert slope == pytest.approx(-0.024, abs=1e-3)
+
+
+def test_steady_friction_is_that_of_two_windows_and_of_second_halves():
+    point = np.arange(10.0)
+    series = SimpleNamespace(load_point=point, friction=10 + point)
+    kinds = [("steady", None, 1.0), ("slide", 1.0, 1.0), ("step", 0.1, 1.0), ("step", 1.0, 0.1)]
+    tests = [SimpleNamespace(kind=k, before=before, velocity=v, series=series) for k, before, v in kinds]
+    sample = SimpleNamespace(of=lambda *wanted: [test for test in tests if test.kind in wanted])
+    pieces = measures._steady_pieces(sample, 1.0, 2.0, "friction")
+    assert [piece.tolist() for piece in pieces] == [[16, 17, 18, 19], [*range(10, 20)], [15, 16, 17, 18, 19]]
