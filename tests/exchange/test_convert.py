@@ -149,6 +149,8 @@ def test_the_animation_is_what_the_linearised_motion_does(unstable):
     np.testing.assert_allclose(
         q, unit * np.real(full * np.exp(s * times - s.real * period)[:, None, None]), atol=1e-9 * np.abs(q).max()
     )
+    turned = np.array([f.state.grains.angle - unstable.grains.angle for f in frames])
+    np.testing.assert_allclose(turned * unstable.grains.radius[:, None], q[..., 3:], atol=1e-9 * np.abs(q).max())
     bend = (q[2:] - 2 * q[1:-1] + q[:-2]) / dt**2
     root = np.sqrt(free.mass)
     pull = -(dynamical_matrix(unstable, SMOOTH, free) @ (root * q[1:-1].reshape(398, -1)[:, free.component]).T).T / root
