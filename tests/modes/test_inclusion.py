@@ -174,6 +174,12 @@ def test_errors_follow_from_the_scatter_of_parts_with_students_quantile():
     assert few / many == pytest.approx(np.full(len(few), stdtrit(7, 0.975) / stdtrit(799, 0.975)))
 
 
+def test_rings_lie_between_the_given_distances():
+    field = made(np.random.default_rng(0), 0.0, 0.01, grains=4000)
+    whole, part = (field.fit(**ends).models[0].rings.radius for ends in ({}, {"inner": 5.0, "outer": 12.0}))
+    assert whole[0] < 5 < part[0] < part[-1] < 12 < whole[-1]
+
+
 def test_a_field_without_tangential_displacement_is_fitted():
     field = made(np.random.default_rng(0), 0.0, 0.0)
     normal = field.offset / np.linalg.norm(field.offset, axis=2, keepdims=True)
