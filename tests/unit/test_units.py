@@ -186,7 +186,8 @@ FLOW = {
     ("unit", "named", "plane"),
     [("force", "g mm/s^2", "g mm/s^2"), ("force/length^(dim-1)", "g/(mm s^2)", "g/s^2"), ("1", "1", "1"),
      ("energy", "g mm^2/s^2", "g mm^2/s^2"), ("force/length", "g/s^2", "g/s^2"), ("1/time^2", "1/s^2", "1/s^2"),
-     ("rad/time", "rad/s", "rad/s"), ("stress/length", "g/(mm^2 s^2)", "g/(mm s^2)"), ("load", "load", "load")],
+     ("rad/time", "rad/s", "rad/s"), ("stress/length", "g/(mm^2 s^2)", "g/(mm s^2)"), ("load", "load", "load"),
+     ("1/(length time)^2", "1/(mm^2 s^2)", "1/(mm^2 s^2)")],
 )  # fmt: skip
 def test_units_of_other_quantities_are_products(unit, named, plane):
     assert in_units(unit, units_from(MILLIMETRES)) == named
