@@ -8,6 +8,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
+from stickslip.data.exchange.frame import bounding_box
 from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.quasistatic import aqs
@@ -273,3 +274,11 @@ def test_numbers_that_are_given_change_the_law_of_an_archive(tmp_path):
         mine = ss.io.read_packing(tmp_path / "p.h5", mu=0.123).law
     assert (mine.kind, mine.coulomb, mine.properties) == (law.kind, law.coulomb, law.properties)
     assert mine.table[0, 0].tolist() == [*law.table[0, 0, :2].tolist(), 0.123, *law.table[0, 0, 3:].tolist()]
+
+
+def test_the_box_of_an_open_state_encloses_all_grains():
+    state = ss.assembly(ss.spheres([[0, 0, 0], [3, 1, 0.2]], [0.5, 0.7]), cell=ss.box([1.0] * 3, [False] * 3, 3))
+    vectors, corner = bounding_box(state, "x")
+    reach = state.grains.radius[:, None]
+    assert (corner < state.grains.position - reach).all()
+    assert (corner + np.diag(vectors) > state.grains.position + reach).all() and not np.triu(vectors, 1).any()
