@@ -298,6 +298,7 @@ def test_dilatancy_at_an_early_peak_is_not_that_of_the_start():
     side = 0.5 * (volumetric - axial)
     stress = 1e5 * np.column_stack([0 * shape + 1, 0 * shape + 1, 1 + 2 * shape])
     found = numbers(made(np.column_stack([side, side, axial]), stress), scenario({}))
+    assert found["E50"] == pytest.approx(1e5 / np.interp(0.5, shape[:201], axial[:201]), rel=1e-6)  # q softens
     assert found["strain_at_peak"] == pytest.approx(0.02)
     assert found["psi"] == pytest.approx(np.degrees(np.arcsin(0.4 / 2.4)), rel=0.06)
 
