@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from stickslip.cli import running
 from stickslip.data import archive
 from stickslip.data.checkpoint import checkpoint_in
 from stickslip.experiments.registry import EXPERIMENTS
@@ -197,3 +198,18 @@ def test_the_number_of_workers_does_not_change_the_numbers(tmp_path):
         results.append(archive.read(out / "results.h5")["main"]["sliding"]["0.020000"])
     for name in ("breach", "slide", "velocity", "center"):
         assert np.array_equal(results[0][name], results[1][name], equal_nan=True), name
+
+
+@pytest.mark.parametrize(
+    ("words", "folder"),
+    [
+        (["gouge", "--quick"], "gouge-quick"), (["gouge"], "gouge"), (["gouge", "--paper-size"], "gouge-paper-size"),
+        (["gouge", "--quick", "--out", "here"], "../here"),
+    ],
+)  # fmt: skip
+def test_reproductions_of_other_sizes_have_folders_of_their_own(words, folder, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(running, "_reproduce_in", lambda command, folder, *given, **more: seen.append(folder))
+    done = stickslip("reproduce", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "results" / folder).resolve() == (tmp_path / seen[0]).resolve()
