@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from stickslip import friction
+from stickslip.wings.faults.friction import stability
 from stickslip.wings.faults.friction.fault_record import YEAR
 from stickslip.wings.faults.friction.fault_state import (
     EXPONENT,
@@ -119,3 +120,8 @@ def test_bp2_alternates_between_large_and_moderate_events():
         assert events.moment[large].min() > 5 * events.moment[~large][1:].max()
         periods.append(np.diff(events.start[large][-3:]).mean() / YEAR)
     assert periods[0] == pytest.approx(periods[1], rel=5e-3)
+
+
+@pytest.mark.parametrize(("longest", "possible"), [(1.9, False), (2.1, True), (0.9, False)])
+def test_a_part_must_be_as_long_as_two_half_lengths(longest, possible):
+    assert stability._Lengths(longest, 0.1, 1.0).possible is possible
