@@ -81,8 +81,12 @@ class _WithoutWords(ast.NodeTransformer):
 
     def visit_Raise(self, node):
         if isinstance(node.exc, ast.Call):
-            node.exc.args = [one for one in node.exc.args if not isinstance(one, ast.JoinedStr | ast.Constant)]
+            node.exc.args = [one for one in node.exc.args if not _is_text(one)]
         return self.generic_visit(node)
+
+
+def _is_text(node: ast.expr) -> bool:
+    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
 
 
 def _plain(node) -> str:

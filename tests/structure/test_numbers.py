@@ -58,6 +58,7 @@ def test_a_number_is_older_than_a_room_whose_code_changed(tree, text, room, old)
         ('def f(k):\n    a = k\n    raise ValueError(f"{a}: text")\n', False),  # users may write f(n=1)
         ('def f(n):\n    a = 2 * n\n    raise ValueError(f"{a}: text")\n', False),
         ('def f(n):\n    a = n\n    raise ValueError(f"{a}: text", a)\n', False),
+        ('def f(n):\n    a = n\n    raise ValueError(f"{a}: text", 2)\n', False),  # as in the code of an exit
     ],
 )
 def test_messages_and_local_names_do_not_count(tree, text, same):
