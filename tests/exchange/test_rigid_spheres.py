@@ -126,10 +126,10 @@ def test_linearised_equations_have_the_slopes_of_finite_differences(pile, tmp_pa
     at[network.measured.position.size :] *= 0.1  # so that no force reaches its least value
 
     def values(z):
-        a, b, *_ = network.linearised(z)
+        a, b, *_ = network.linearise(z)
         return a @ z - b
 
-    slope, h = network.linearised(at)[0] @ step, 1e-4
+    slope, h = network.linearise(at)[0] @ step, 1e-4
     np.testing.assert_allclose((values(at + h * step) - values(at - h * step)) / (2 * h), slope, rtol=2e-5, atol=2e-5)
 
 

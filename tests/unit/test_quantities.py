@@ -43,7 +43,7 @@ def test_measures_are_estimates_over_the_samples_that_count():
     half = 4.302652729911275 * 10 / np.sqrt(3)  # Student's t with two degrees of freedom
     assert (found["stress"][0], found["stress_error"][0]) == pytest.approx((20, half))
     assert found["rare"][0] == 4.0 and np.isnan(found["rare_error"][0])  # of one sample
-    assert "rare" not in measures.known(samples(1, 2, rare=(np.nan, np.nan)))
+    assert "rare" not in measures.finite_values(samples(1, 2, rare=(np.nan, np.nan)))
     lost = Measures([SAMPLE[3]._replace(partial=False)], samples=lambda result: result, over=estimate)
     assert np.isnan(lost(samples(1, 2, 3))["rare"][0])
 

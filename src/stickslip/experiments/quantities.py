@@ -205,7 +205,7 @@ class Measures(Quantities):
             out |= {f"{name}{ERROR}": (value.half_width, unit)} if known else {}
         return out
 
-    def known(self, result) -> dict[str, Any]:
+    def finite_values(self, result) -> dict[str, Any]:
         """Values that are finite."""
         values = self.of(result)
         return {k: v for k, v in values.items() if np.isfinite(v.mean if isinstance(v, Estimate) else v)}
@@ -221,7 +221,7 @@ class Measures(Quantities):
         from ..reports.terminal import new_table, show_table
 
         table = new_table("", "mean", "95 % ±", "unit", "", title=title, left=("", "unit"))
-        for name, value in self.known(result).items():
+        for name, value in self.finite_values(result).items():
             if name in without:
                 continue
             pair = value[:2] if isinstance(value, Estimate) else (value, NAN)

@@ -207,11 +207,11 @@ def frames_between(frames: list[Frame], count: int) -> list[Frame]:
     for t in np.linspace(times[0], times[-1], count):
         k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
         share = float((t - times[k]) / (times[k + 1] - times[k]))
-        out.append(_mixed(frames[k], frames[k + 1], share, position(t), angle(t)))
+        out.append(_mix_frames(frames[k], frames[k + 1], share, position(t), angle(t)))
     return out
 
 
-def _mixed(before: Frame, after: Frame, share: float, position: np.ndarray, angle: np.ndarray) -> Frame:
+def _mix_frames(before: Frame, after: Frame, share: float, position: np.ndarray, angle: np.ndarray) -> Frame:
     """Frame between two others, with given positions and angles; `share` is 0 at the first and 1 at the second."""
     first, last, near = before.state, after.state, before if share < 0.5 else after
 
@@ -225,11 +225,11 @@ def _mixed(before: Frame, after: Frame, share: float, position: np.ndarray, angl
     if first.walls.point.shape == last.walls.point.shape:
         walls = walls._replace(point=mix(first.walls.point, last.walls.point))
     state = near.state._replace(grains=grains, cell=cell, walls=walls, time=float(mix(first.time, last.time)))
-    contacts = _mixed_contacts(before, after, share, position)
+    contacts = _mix_contacts(before, after, share, position)
     return Frame(state, near.law, near.grains, contacts, moving=True)
 
 
-def _mixed_contacts(before: Frame, after: Frame, share: float, position: np.ndarray) -> dict[str, np.ndarray]:
+def _mix_contacts(before: Frame, after: Frame, share: float, position: np.ndarray) -> dict[str, np.ndarray]:
     """Contacts of two frames: their branch vectors at given positions, and weighted forces."""
     parts = []
     for frame, weight in ((before, 1 - share), (after, share)):

@@ -180,7 +180,7 @@ class _Network(NamedTuple):
         """(D (N + C),) smallest balancing change, and the number of equations and active inequalities."""
         change, share, size, bent, step = self.start, 1.0, np.inf, None, np.zeros(len(self.start))
         for _ in range(STEPS):
-            nearest = nearest_point(*self.linearised(change), bent, change)
+            nearest = nearest_point(*self.linearise(change), bent, change)
             if nearest is None:
                 raise PackingError(self._reason())
             former, step, last = step, nearest.point - change, size
@@ -197,7 +197,7 @@ class _Network(NamedTuple):
             f"the equations of balance to be linearised"
         )
 
-    def linearised(self, change: np.ndarray):
+    def linearise(self, change: np.ndarray):
         """Matrices A, G and vectors b, h of the linearised equations A z = b and inequalities G z ≥ h at a change."""
         m, (position, force_n, force_t) = self.measured, self.at(change)
         force_n, radii, count = np.maximum(force_n, self.least), m.radius[m.ends], len(force_n)

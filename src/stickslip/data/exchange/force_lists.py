@@ -113,7 +113,7 @@ def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
         grains, forces = (_rows_of(columns, steps[at]) for columns in (grains, forces))
     elif frame is not None:
         raise PackingError(f"frame {frame!r} does not apply, as {path.name} has no frame column: leave it out")
-    return _joined(path, grains, contacts, forces, notes)
+    return _join(path, grains, contacts, forces, notes)
 
 
 def _grains_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -244,9 +244,9 @@ def _account(path: Path, grains: dict, contacts: Path, forces: dict) -> list[str
     ]
 
 
-def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> Lists:
+def _join(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> Lists:
     """Network of the grains and contacts of one frame."""
-    grains, lost = _placed(path, grains, notes)
+    grains, lost = _place(path, grains, notes)
     packing = packing_of_columns(grains, path.name)
     if not (n := len(packing.arrays["radius"])):
         raise PackingError(f"{path} has no grains: give a row with x y radius for each")
@@ -280,7 +280,7 @@ def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[
     position, radius = packing.arrays["position"][:, :dim], packing.arrays["radius"]
     forces, ends = {name: values[~walls] for name, values in forces.items()}, np.searchsorted(ids, ends[:, ~walls])
     load = np.stack([grains.get(f"load{axis}", zero) for axis in "xyz"[:dim]], axis=1)
-    network = _pressing(contacts, _averaged(contacts, forces, ends, position, ids, notes), ids, notes)
+    network = _pressing(contacts, _average(contacts, forces, ends, position, ids, notes), ids, notes)
     network = _near(contacts, network, position, radius, notes)
     _note_doubts(contacts, network, notes)
     return Lists(network | {
@@ -289,7 +289,7 @@ def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[
     }, notes)  # fmt: skip
 
 
-def _placed(path: Path, grains: dict, notes: list[str]) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def _place(path: Path, grains: dict, notes: list[str]) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Rows of grains without missing numbers, and the ids of the others."""
     known, rest = identify_columns(grains)
     whole = np.all([np.isfinite(values) for name, values in grains.items() if name not in rest], axis=0)
@@ -363,7 +363,7 @@ def _axes(name: str, dim: int) -> list[str]:
     return [name + axis for axis in "xyz"[:dim]]
 
 
-def _averaged(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, ids, notes: list[str]) -> dict:
+def _average(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, ids, notes: list[str]) -> dict:
     """Contacts, each once, as arguments of `measured_forces`; those listed for both grains are averaged."""
     n, (along, across) = len(ids), _parts(contacts, forces, ends, place, ids, notes)
     low, high = np.sort(ends, axis=0)

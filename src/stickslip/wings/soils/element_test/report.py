@@ -173,7 +173,7 @@ def _first_failure(result: ElementTestResult) -> list[str]:
 
 
 def _scatter(result: ElementTestResult) -> list[str]:
-    n, peak = result.scenario.sample.grains, MEASURES.known(result).get("phi_peak")
+    n, peak = result.scenario.sample.grains, MEASURES.finite_values(result).get("phi_peak")
     if len(result.runs) < 2:
         return ["One sample gives no interval: use more realisations."]
     if peak is None or not peak.scatter > 0:
@@ -255,7 +255,7 @@ def _fluid(result: ElementTestResult) -> list[str]:
 
 
 def _quasi_static(result: ElementTestResult) -> list[str]:
-    scenario, numbers = result.scenario, MEASURES.known(result)
+    scenario, numbers = result.scenario, MEASURES.finite_values(result)
     if scenario.path.integrator == "dynamic":
         return [
             f"The strain rate of {scenario.rate:.3g} is an inertial number of {scenario.rate * scenario.time:.2g}; the "
