@@ -1,12 +1,15 @@
 """Time steps of many grains: stickslip, LAMMPS (two styles and builds) and YADE, alternating, on the same grains."""
 
 import os
+import platform
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+
+from stickslip._core import build
 
 from .native_lammps import NATIVE, environment
 from .records import console
@@ -21,6 +24,7 @@ PEERS = {  # LAMMPS sides and their names in the table
     "gran/hertz/history omp": "LAMMPS gran/hertz, newton on, omp",
     "granular": "LAMMPS granular",
 }
+LEVEL = {"avx512": "", "avx2": ", AVX2"}.get(build.best_level(), f", {platform.machine()}")  # part of the cases
 PLAIN, OMP, GENERAL = PEERS
 PEERS |= {NATIVE + side: f"native {name}" for side, name in PEERS.items()}
 
@@ -107,9 +111,9 @@ def compare(case: str, path: Path, n: int, peers, steps: int, threads: int = 1, 
 
 
 def row(case: str, n: int, threads: int, ours: float, peer: float | None, name: str, unit="grain-steps/s") -> dict:
-    """One row of the table."""
+    """One row of the table; numbers of each kind of processor are stored side by side."""
     return {
-        "case": case, "n": n, "threads": threads, "ours": ours, "peer": peer, "peer_name": name,
+        "case": case + LEVEL, "n": n, "threads": threads, "ours": ours, "peer": peer, "peer_name": name,
         "ratio": ours / peer if peer else None, "unit": unit,
     }  # fmt: skip
 

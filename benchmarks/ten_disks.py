@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from .engine import row
 from .native_lammps import NATIVE, environment
 
 HERE = Path(__file__).parent
@@ -38,7 +39,5 @@ def rows(*, smallest: bool = False):
     ours = max(found.pop("ours"))
     for side, values in found.items() or [("", [])]:
         peer = max(values, default=None)
-        yield {
-            "case": "10-disk array, sharp Coulomb, steps/s", "n": 10, "threads": 1, "ours": ours, "unit": "1/s",
-            "peer": peer, "peer_name": f"{side}LAMMPS gran/hertz/history", "ratio": ours / peer if peer else None,
-        }  # fmt: skip
+        name = f"{side}LAMMPS gran/hertz/history"
+        yield row("10-disk array, sharp Coulomb, steps/s", 10, 1, ours, peer, name, "1/s")

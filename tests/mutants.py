@@ -2,8 +2,8 @@
 
 The faults are in mutants.toml. Each names a file, the text of a line, and the faulty line; a line that is not found, or
 found more than once, is an error of the list. `--record` runs the suite once and stores the lines executed by each
-test. The tests of a fault are those that execute its statement. Without a record, they are the tests of the room of the
-file (see `rooms.py`); for the compiled core, those of `CORE`. The test that noticed a fault the last time, which is
+test. The tests of a fault are those that execute its statement, and those that are newer than the record. Without a
+record, they are the tests of the room of the file (see `rooms.py`); for the compiled core, those of `CORE`. The test that noticed a fault the last time, which is
 stored in mutants.json, runs before all others, then the fastest; slow tests not at all. Faults with few tests come
 first.
 
@@ -133,16 +133,28 @@ def tests_of(mutant: Mutant) -> list[list[str]]:
         groups = [[path for name in names for path in sorted((ROOT / name).glob("test_*.py"))] for names in CORE]
     else:
         if RECORD.exists():
-            data = CoverageData(str(RECORD))
-            data.read()
-            contexts = data.contexts_by_lineno(str(ROOT / mutant.file))
+            contexts = _recorded().contexts_by_lineno(str(ROOT / mutant.file))
             tree = ast.parse((ROOT / mutant.file).read_text(encoding="utf-8"))
             for span in _spans(tree, mutant.line(ROOT) + 1):
                 names = {name.rpartition("|")[0] for line in span for name in contexts.get(line, ())} - {""}
                 if names := {name if name in _collected() else name.partition("::")[0] for name in names}:
-                    return [sorted(name for name in names if "::" in name or (ROOT / name).exists())]
+                    return [sorted(name for name in names if "::" in name or (ROOT / name).exists()), _newer()]
         groups = [rooms.files(mutant.room)]
     return [[path.relative_to(ROOT).as_posix() for path in files] for files in groups]
+
+
+@cache
+def _recorded() -> CoverageData:
+    data = CoverageData(str(RECORD))
+    data.read()
+    return data
+
+
+@cache
+def _newer() -> list[str]:
+    """Names of the tests of behaviour that the record does not contain."""
+    found = _collected() - {name.rpartition("|")[0] for name in _recorded().measured_contexts()}
+    return sorted(name for name in found if not name.startswith("tests/structure/"))
 
 
 @cache

@@ -6,13 +6,41 @@ namespace {
 // ---- transposition between rows of bodies and planes of lanes, four at a time; compilers move one number at a time
 // instead, which takes longer than evaluating the contact law
 
+#if defined(__AVX__)
 typedef double Four __attribute__((vector_size(32)));
-typedef int64_t Four64 __attribute__((vector_size(32)));
 
 #if defined(__clang__)
 #define SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
+typedef int64_t Four64 __attribute__((vector_size(32)));
 #define SHUFFLE(a, b, ...) __builtin_shuffle(a, b, Four64{__VA_ARGS__})
+#endif
+
+inline void transpose(Four rows[4]) {
+  Four low = SHUFFLE(rows[0], rows[1], 0, 4, 2, 6), high = SHUFFLE(rows[0], rows[1], 1, 5, 3, 7);
+  Four low_two = SHUFFLE(rows[2], rows[3], 0, 4, 2, 6), high_two = SHUFFLE(rows[2], rows[3], 1, 5, 3, 7);
+  rows[0] = SHUFFLE(low, low_two, 0, 1, 4, 5);
+  rows[1] = SHUFFLE(high, high_two, 0, 1, 4, 5);
+  rows[2] = SHUFFLE(low, low_two, 2, 3, 6, 7);
+  rows[3] = SHUFFLE(high, high_two, 2, 3, 6, 7);
+}
+#else
+struct Four {  // registers hold two numbers; compilers keep wider vectors in memory
+  Real low, high;
+};
+
+inline Four operator+(Four a, Four b) { return {a.low + b.low, a.high + b.high}; }
+inline Four operator-(Four a, Four b) { return {a.low - b.low, a.high - b.high}; }
+inline Four operator*(Four a, Four b) { return {a.low * b.low, a.high * b.high}; }
+inline Four operator*(double a, Four b) { return {a * b.low, a * b.high}; }
+
+inline void transpose(Four rows[4]) {
+  const Four a = rows[0], b = rows[1], c = rows[2], d = rows[3];
+  rows[0] = {Real{a.low[0], b.low[0]}, Real{c.low[0], d.low[0]}};
+  rows[1] = {Real{a.low[1], b.low[1]}, Real{c.low[1], d.low[1]}};
+  rows[2] = {Real{a.high[0], b.high[0]}, Real{c.high[0], d.high[0]}};
+  rows[3] = {Real{a.high[1], b.high[1]}, Real{c.high[1], d.high[1]}};
+}
 #endif
 
 inline Four four(const double *from) {
@@ -33,19 +61,11 @@ inline void store_eight(double *to, Four a, Four b) {
 #endif
 }
 
-inline void transpose(Four rows[4]) {
-  Four low = SHUFFLE(rows[0], rows[1], 0, 4, 2, 6), high = SHUFFLE(rows[0], rows[1], 1, 5, 3, 7);
-  Four low_two = SHUFFLE(rows[2], rows[3], 0, 4, 2, 6), high_two = SHUFFLE(rows[2], rows[3], 1, 5, 3, 7);
-  rows[0] = SHUFFLE(low, low_two, 0, 1, 4, 5);
-  rows[1] = SHUFFLE(high, high_two, 0, 1, 4, 5);
-  rows[2] = SHUFFLE(low, low_two, 2, 3, 6, 7);
-  rows[3] = SHUFFLE(high, high_two, 2, 3, 6, 7);
-}
-
 // x_i − x_j and R_i + R_j of the pairs of a block.
 template <int DIM>
 inline void gather_positions(int64_t used, const uint32_t *i, const uint32_t *j, const double *body, double *scratch) {
-  const Four sign = {1.0, 1.0, 1.0, -1.0};
+  const double signs[4] = {1.0, 1.0, 1.0, -1.0};
+  const Four sign = four(signs);
   for (int64_t at = 0; at < used; at += 8) {
     Four rows[2][4];
     for (int q = 0; q < 8; ++q)

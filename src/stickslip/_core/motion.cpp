@@ -6,9 +6,6 @@ namespace {
 
 constexpr double NOT_FINITE_SQUARE = 1e300;  // returned for NaN
 
-typedef double Eight __attribute__((vector_size(64)));
-typedef int64_t Eight64 __attribute__((vector_size(64)));
-
 // Sums of loads for a range of bodies, one entry of `code` after another. There is no branch on the first row of a body,
 // because it is unpredictable.
 template <bool LEVER>
@@ -19,28 +16,23 @@ struct Stream {
   bool loaded;  // `external` has a row for each body
   double *total;
   int64_t body, origin;
-  Eight sums;
+  Real sums[WIDTH / W];  // not one vector of WIDTH numbers: compilers keep wider ones than registers in memory
 
   void add(uint32_t word) {
     alignas(64) static const double signs[2][8] = {{-1, -1, -1, 1, 1, 1, 1, 1}, {1, 1, 1, 1, 1, 1, 1, 1}};
     alignas(64) static const int64_t kept[2][8] = {{-1, -1, -1, -1, -1, -1, -1, -1}, {}};
-    Eight row, sign, begin;
-    Eight64 mask;
-    __builtin_memcpy(&row, reinterpret_cast<const char *>(blocks.load.data) + (word & ~(ROW - 1)), sizeof row);
-    __builtin_memcpy(&sign, signs[(word & IS_I) / IS_I], sizeof sign);
-    __builtin_memcpy(&mask, kept[word & IS_FIRST], sizeof mask);
+    const double *row = reinterpret_cast<const double *>(reinterpret_cast<const char *>(blocks.load.data) + (word & ~(ROW - 1)));
+    const double *sign = signs[(word & IS_I) / IS_I];
+    const int64_t *mask = kept[word & IS_FIRST];
     body += word & IS_FIRST;
-    if (LEVER) {
-      const double arm = bodies[BODY * body + RADIUS] - row[6];
-      row *= Eight{1.0, 1.0, 1.0, arm, arm, arm, 0.0, 0.0};
+    const double arm = LEVER ? bodies[BODY * body + RADIUS] - row[6] : 1.0;
+    const double arms[8] = {1.0, 1.0, 1.0, arm, arm, arm, 0.0, 0.0};
+    for (int k = 0; k < WIDTH; k += W) {
+      Mask before = (Mask)sums[k / W] & load(mask + k);
+      if (loaded) before |= (Mask)load(external + WIDTH * body + k) & ~load(mask + k);
+      sums[k / W] = (Real)before + (LEVER ? load(row + k) * load(arms + k) : load(row + k)) * load(sign + k);
+      store(total + WIDTH * (body - origin) + k, sums[k / W]);
     }
-    Eight64 before = (Eight64)sums & mask;
-    if (loaded) {
-      __builtin_memcpy(&begin, external + WIDTH * body, sizeof begin);
-      before |= (Eight64)begin & ~mask;
-    }
-    sums = (Eight)before + row * sign;
-    __builtin_memcpy(total + WIDTH * (body - origin), &sums, sizeof sums);
   }
 };
 
