@@ -298,7 +298,7 @@ void evaluate_block(const Block &block, const Blocks &blocks, int64_t b, double 
     Vec<Real> d = dt * planes<DIM>(scratch + MOTION + l), roll = dt * rotation<DIM>(scratch + ROLL + l);
     Vec<Real> s = planes<DIM>(slips + l);
     Ratio<Real> fraction = {Real{} + 1.0, Real{} + 1.0};
-    if (!rate) {
+    if (!rate && any(open & at.touches)) {
       Ratio<Real> touched = touching_fraction(at.n, at.inverse, at.overlap - at.edge, d);
       fraction = {select(open, touched.part, fraction.part), select(open, touched.whole, fraction.whole)};
     }
@@ -306,11 +306,12 @@ void evaluate_block(const Block &block, const Blocks &blocks, int64_t b, double 
     if (hold) moved.slip = s, moved.increment = {Real{}, Real{}, Real{}};
     Real limit = law.cap ? select(at.touches, load(scratch + LIMIT + l), Real{})
                          : coulomb_limit(block.q, normal.total, rate && law.damping && !law.force);
+    limit = select(at.touches, limit, Real{} + NO_LIMIT);  // lanes that do not touch do not slide, which takes longer
     Mask slid = (before == SLIDE) | (before == LOOSE);
     Loads<Real, Mask> out =
         contact_loads<DIM>(law, rate, FREE, held, normal.total, normal.stiffness, normal.factor * block.q[DAMPING_T],
                            limit, at.overlap, at.reach, moved, fraction, slid, normal.velocity);
-    Vec<Real> none = {Real{}, Real{}, Real{}}, t = out.tangential, force = out.normal * at.n + t;
+    Vec<Real> none = {Real{}, Real{}, Real{}}, t = select(at.touches, out.tangential, none), force = out.normal * at.n + t;
     Vec<Real> slip = select(at.touches, out.slip, none), turn = cross(t, at.n);
     store(slips + l, slip.x), store(slips + LANES + l, slip.y);
     if (DIM == 3) store(slips + 2 * LANES + l, slip.z);

@@ -168,7 +168,7 @@ inline Truncated<T, M> return_mapping(bool fades, bool rate, int64_t memory, T s
   // without slip there is no sliding direction to hold: such contacts slid under a law without friction
   M over = memory == HELD ? M(slid & ((a.x != 0.0) | (a.y != 0.0) | (a.z != 0.0))) : M(pull > bound * bound);
   M cut = (limit == 0.0) | over, slides = memory == HELD ? cut : M(cut | (slid & still_slides(pull, limit, slack)));
-  if (sizeof(T) == sizeof(double) && !any(cut | (whole != 1.0))) return {b, slides};  // the same bits, sooner
+  if (!any(cut | (whole != 1.0))) return {b, slides};  // the same bits, sooner
   if (DIM == 3 && !rate) {
     Ratio<T> weight = turning_weight(fades, stiffness, limit, a, d, fade);
     M turns = cut & slid & (limit > 0.0);
