@@ -3,9 +3,9 @@
 The faults are in mutants.toml. Each names a file, the text of a line, and the faulty line; a line that is not found, or
 found more than once, is an error of the list. `--record` runs the suite once and stores the lines executed by each
 test. The tests of a fault are those that execute its statement, and those that are newer than the record. Without a
-record, they are the tests of the room of the file (see `rooms.py`); for the compiled core, those of `CORE`. The test that noticed a fault the last time, which is
-stored in mutants.json, runs before all others, then the fastest; slow tests not at all. Faults with few tests come
-first.
+record, they are the tests of the room of the file (see `rooms.py`); for the compiled core, those of `CORE`. The test
+that noticed a fault the last time, which is stored in mutants.json, runs before all others, then the fastest; slow
+tests not at all. Faults with few tests come first.
 
 python -m tests.mutants [--record] [--room solve] [--sample 20] [--missing] [--workers 2] [--check]
 """

@@ -13,6 +13,12 @@ def square(x, report=silent):
     return x * x
 
 
+def linger(x, report=silent):
+    report(f"wait of {x}", 0.5, "half")
+    time.sleep(0.4)
+    return x
+
+
 def fail_at(x, bad, report=silent):
     if x == bad:
         raise ValueError(f"{x} is bad")

@@ -32,6 +32,15 @@ def test_results_and_words_come_from_the_cluster(cluster):
     assert "the Dask cluster at tcp://127.0.0.1" in reach(cluster.address).words
 
 
+def test_words_come_from_every_member(cluster):
+    """Also from those that begin after the first one has ended."""
+    said = []
+    run_members(
+        tasks.linger, [(k,) for k in range(4)], workers=cluster.address, report=lambda *now: said.append(now[2])
+    )
+    assert any(text.endswith("; wait of 3: half") for text in said)
+
+
 def test_the_dataset_of_a_sweep_does_not_depend_on_how_members_were_run(tmp_path, cluster):
     found = []
     for k, workers in enumerate((1, 2, cluster.address)):

@@ -194,6 +194,25 @@ if __name__ == "__main__":
 """
 
 
+def test_processes_that_wait_take_tasks_only_of_the_same_folder_and_environment(tmp_path, monkeypatch):
+    def started() -> int:
+        with borrowed(waiting) as process:
+            return process.process.pid
+
+    waiting: list[WorkerProcess] = []
+    try:
+        first = started()
+        assert started() == first
+        monkeypatch.chdir(tmp_path)
+        second = started()
+        assert second != first
+        monkeypatch.setenv("STICKSLIP_TEST", "1")
+        assert started() not in (first, second)
+    finally:
+        while waiting:
+            waiting.pop().end()
+
+
 @pytest.mark.parametrize("as_module", [True, False])
 def test_functions_of_a_script_run_as_a_module_or_are_refused_with_the_remedy(tmp_path, as_module):
     (tmp_path / "squares.py").write_text(SCRIPT, encoding="utf-8")

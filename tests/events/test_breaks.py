@@ -1,11 +1,14 @@
 """Cemented packings on quasi-static paths: to the first break of a bond, and through it."""
 
 import csv
+import sys
+from functools import partial
 
 import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.contacts.bonding import without_failure
 from stickslip.core.contacts.jacobian import bond_blocks, contact_blocks
 from stickslip.core.state import FAILURES
 from stickslip.data.checkpoint import Checkpoint
@@ -18,6 +21,7 @@ from tests.conftest import stickslip_here
 from tests.events.packings import packing
 
 LAW = ss.laws.hertz_mindlin(mu=0.3)
+solve_equilibrate = sys.modules["stickslip.solve.equilibrate"]  # `ss.equilibrate` is the function
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +46,18 @@ def test_the_first_break_is_where_equilibria_and_linear_response_say(cemented, b
     for strain, breaks in ((event.below, False), (event.strain, True)):
         end, _ = ss.equilibrate(way.apply(cemented, strain), LAW, check="nothing")
         assert breaks == (not end.bonds.intact.all())
+
+
+def test_damped_dynamics_does_not_break_bonds_on_the_way(cemented, monkeypatch):
+    """Only the equilibrium counts: the way to it is that of bonds that cannot break."""
+    stalled = partial(solve_equilibrate.approach, iterations=0)
+    monkeypatch.setattr(solve_equilibrate, "approach", stalled)
+    first = ss.modes.first_break(cemented, LAW, strain=[[0, 1], [0, 0]])
+    start = deformation("simple", 2).apply(cemented, 0.97 * first.at)
+    end, outcome = ss.equilibrate(start, LAW, check="nothing")
+    assert outcome.fallback and end.bonds.intact.all()
+    strong, _ = ss.equilibrate(without_failure(start), LAW, check="nothing")
+    assert np.array_equal(end.grains.position, strong.grains.position)
 
 
 def test_the_path_goes_on_without_the_bonds_that_broke(cemented, broken):

@@ -29,6 +29,13 @@ def unstable():
     return max(path, key=lambda p: len(p.spectrum.pairs)).state
 
 
+@pytest.mark.parametrize("tension", [True, False])
+def test_npz_keeps_whether_dashpots_pull(tension, tmp_path):
+    law = ss.laws.hertz_mindlin_reff(2.0, 1.5, 0.2, damping_n=0.3, damping_t=0.2, tension=tension, coulomb="sharp")
+    ss.io.write_packing(tmp_path / "p.npz", spheres(), law)
+    assert ss.io.read_packing(tmp_path / "p.npz")[1].damping == law.damping
+
+
 @pytest.mark.parametrize("make", [spheres, disks])
 def test_npz_keeps_state_motion_and_law(make, tmp_path):
     state = make()

@@ -1,5 +1,6 @@
 """LAMMPS's text files: every way to write a box and a position, memory from forces, and what cannot be taken."""
 
+import itertools
 import time
 import warnings
 
@@ -166,6 +167,36 @@ def test_velocities_and_spins_without_a_third_component_are_not_used(tmp_path):
         again, _, notes = ss.io.read_packing(tmp_path / name, **GIVEN)
         assert not again.grains.velocity.any() and not again.grains.spin.any()
         assert any("no velocities" in note for note in notes)
+
+
+def contact_dump(path):
+    """Bounds of the box (3, 3), and rows of contacts, as OVITO reads them."""
+    lines = path.read_text().splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("ITEM: BOX BOUNDS"))
+    return np.array([line.split() for line in lines[first + 1 : first + 4]], float), np.loadtxt(lines[first + 5 :])
+
+
+@pytest.mark.parametrize("tilt", [(0.4, 0.3, 0.2), (-0.4, -0.3, -0.2), (0.4, -0.3, 0.2)])
+def test_bounds_of_a_box_enclose_it(tilt, tmp_path):
+    xy, xz, yz = tilt
+    vectors = np.array([[3.0, 0, 0], [xy, 3.0, 0], [xz, yz, 3.0]])
+    arrays = {"position": [[1.0, 1.0, 1.0], [1.95, 1.0, 1.0]], "radius": [0.5, 0.5], "cell": vectors}
+    ss.io.write_packing(tmp_path / "p.data", ss.packings.from_arrays(law=SHARP, **arrays), SHARP)
+    corners = np.array(list(itertools.product((0, 1), repeat=3))) @ vectors
+    bounds, _ = contact_dump(tmp_path / "p.contacts.dump")
+    np.testing.assert_allclose(bounds[:, 1] - bounds[:, 0], np.ptp(corners, axis=0), rtol=1e-12)
+    np.testing.assert_array_equal(bounds[:, 2], tilt)
+
+
+def test_written_forces_of_contacts_include_dashpots(tmp_path):
+    state = spheres()
+    ss.io.write_packing(tmp_path / "p.data", state, SHARP)
+    _, rows = contact_dump(tmp_path / "p.contacts.dump")
+    total = np.zeros((len(state.grains.radius), 3))
+    for side, sign in ((0, 1), (1, -1)):
+        np.add.at(total, rows[:, side].astype(int) - 1, sign * (rows[:, 6:9] + rows[:, 9:12]))
+    expected = ss.forces(state, SHARP)[0].force
+    np.testing.assert_allclose(total, expected, atol=1e-3 * np.abs(expected).max())  # sliding ones are truncated
 
 
 def test_a_table_without_grains_is_no_contradiction():

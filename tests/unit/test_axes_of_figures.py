@@ -13,8 +13,8 @@ from matplotlib.transforms import Bbox
 import stickslip as ss
 from stickslip.core.state import empty_contacts
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.figures.grains import bare_frame
-from stickslip.figures.outlines import body_limits
+from stickslip.figures.grains import bare_frame, layout_of
+from stickslip.figures.outlines import body_limits, quantities
 from stickslip.figures.style import column_axes, label_axes, plot_fast, styled
 from stickslip.figures.view3d import view_box
 from stickslip.solve.freedom import freedom
@@ -27,6 +27,7 @@ from stickslip.wings.papers.gouge.measures import Curve
 from stickslip.wings.papers.quasi_rigid import figures as quasi_rigid
 from stickslip.wings.papers.sphere_shear import figures as sphere_shear
 from stickslip.wings.studies.flow import figures as flow
+from tests.exchange.packings import spheres
 from tests.unit.test_figures import holds, rising
 
 TIME = r"time $t$ [$\sqrt{m/(k_n\sqrt{2R})}$]"
@@ -481,3 +482,24 @@ def test_logarithmic_axes_of_a_decade_show_two_and_five():
     texts = [[t.label1.get_text() for t in axis.get_minor_ticks()] for axis in (axes.xaxis, axes.yaxis)]
     assert [text for text in texts[0] if text] == [r"$2\times 10^{5}$", r"$5\times 10^{5}$"]
     assert not any(texts[1]) and not clashes(axes.figure)
+
+
+def test_colours_span_all_but_the_largest_values():
+    speed = np.concatenate([np.linspace(1.0, 2.0, 999), [1e6]])
+    grains = ss.disks(
+        np.stack([2.0 * np.arange(1000), np.zeros(1000)], axis=1), 0.5, velocity=speed[:, None] * [1, 0, 0]
+    )
+    state, law = ss.assembly(grains), ss.laws.linear(1.0, 0.5, 0.5)
+    state = ss.accept(state, ss.forces(state, law)[1])
+    layout = layout_of([bare_frame(state)], colour="speed")
+    assert layout.limits == pytest.approx((1.0, np.quantile(speed, 0.995))) and layout.limits[1] < 2.0
+    assert layout.cut
+
+
+def test_sliding_contacts_are_counted_by_grain():
+    state = spheres()
+    c, rows = state.contacts, ss.measure.touching(state)
+    rows = rows[c.mode[rows] == ss.SLIDE]
+    found, unit = quantities(bare_frame(state))["sliding contacts"]
+    assert 0 < len(rows) < len(ss.measure.touching(state)) and unit == ""
+    np.testing.assert_array_equal(found, np.bincount(np.append(c.i[rows], c.j[rows]), minlength=len(found)))

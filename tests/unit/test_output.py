@@ -13,6 +13,7 @@ import pytest
 from rich.table import Table
 from rich.text import Text
 
+from stickslip.cli import main
 from stickslip.data.checkpoint import UNFINISHED
 from stickslip.experiments.registry import scenario
 from stickslip.reports import terminal
@@ -100,6 +101,20 @@ def test_errors_are_an_object_too_and_one_line_for_people(arguments, sentence, t
     assert err == f"stickslip: {answer['error']}\n"
     assert stickslip_here(*arguments, "--quiet", cwd=tmp_path).stdout == ""
     assert not list(tmp_path.iterdir())
+
+
+def test_a_stopped_run_says_so_in_its_object(monkeypatch, capsys):
+    def stop(**_):
+        raise KeyboardInterrupt("SIGTERM")
+
+    app = sys.modules["stickslip.cli.app"]  # `stickslip.cli.app` is the object
+    monkeypatch.setattr(app, "app", stop)
+    monkeypatch.setattr(sys, "argv", ["stickslip", "run", "a.toml", "--json"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["status"], answer["exit_code"], ended.value.code) == ("stopped", 130, 130)
+    assert answer["error"] == "stopped by SIGTERM"
 
 
 def test_numbers_that_are_none_are_null():

@@ -319,6 +319,7 @@ def test_packings_have_units_as_well(few_spheres, tmp_path, capsys):
 def test_long_times_in_seconds_are_shown_in_years():
     year = 365.25 * 86400
     assert in_readable_units((60 * year, 80 * year), "s") == ((60.0, 80.0), "years")
+    assert in_readable_units((-80 * year, 0.0), "s") == ((-80.0, 0.0), "years")
     assert in_readable_units((300.0,), "s") == ((300.0,), "s")
     assert in_readable_units((1e12,), "m") == ((1e12,), "m")
 

@@ -63,6 +63,7 @@ def test_legs_that_are_printed_are_those_of_the_record(tmp_path):
     write_csv(tmp_path / "a.csv", noisy)
     command = ["fit", "a.csv", "--law", "slip", "--stiffness", "1500"]
     first = stickslip_here(*command, cwd=tmp_path)
+    assert "slip" in first.stdout and "aging" not in first.stdout
     (text,) = re.findall(r'its velocity is assumed to be "([^"]*)"', told(first))
     assert re.search(r"until 5300\.0", text) or re.search(r"until 5299\.9", text), text
     again = stickslip_here(*command, "--velocity", text, cwd=tmp_path)

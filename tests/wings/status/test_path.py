@@ -410,6 +410,8 @@ def test_legs_that_change_more_than_loads_are_refused(boxed):
         with_load(state.control, 3, 2.0)
     with pytest.raises(ValueError, match=r"pressure must be above 0"):
         biaxial_box(30, pressure=-1e-4)
+    with pytest.raises(ValueError, match=r"pressure must be above 0 and at most 0\.01 kn = 0\.01, got 0\.011"):
+        biaxial_box(30, pressure=0.011)
     sliding = ss.laws.linear(1.0, 0.0, 0.5, coulomb="sharp")
     with pytest.raises(ValueError, match="kt must be positive"):
         load_path(state, sliding, state.control)

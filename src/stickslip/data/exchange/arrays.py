@@ -15,7 +15,6 @@ from ...core.laws.builtin import (
     KT,
     LEVER,
     MU,
-    NO_TENSION,
     PARAMETERS,
     ROLLING,
     TWISTING,
@@ -43,7 +42,17 @@ PROPERTIES = {
     LEVER: "lever arms R − δ/2", KEEPS_FORCE: "memory of forces", ROLLING: "rolling moments",
     TWISTING: "twisting moments",
 }  # fmt: skip
-LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t")  # optional: the law of the packing
+LAW = (
+    "law",
+    "coulomb",
+    "kn",
+    "kt",
+    "mu",
+    "damping",
+    "damping_n",
+    "damping_t",
+    "tension",
+)  # optional: the law of the packing
 
 
 def write_npz(path: str | Path, frame: Frame) -> list[str]:
@@ -72,13 +81,11 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     lost = list_losses(rest, law=len(law.table) > 1 or own)
     if state.contacts.rolling is not None and (resists_rolling(law) or own_memory(law.kind)):
         lost.append("the memory of rolling, twisting or of the law")
-    if law.damping & NO_TENSION:
-        lost.append("the condition that dashpots do not make contacts attractive")
     left = [f"the {feature} of the law" for part, feature in PROPERTIES.items() if law.properties & part]
     lost += left
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
-        arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
+        arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping", "tension")}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
         arrays |= {name: values[column] for name, column in numbers.items()}
         assumed = [*frame.assumed, *(f"left out, as .npz does not store it: {text}" for text in left)]
