@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.cli.app import ProcessOptions
+from stickslip.cli.running import _choose_processes
 from stickslip.core.dynamics import device
 from stickslip.core.dynamics.batch import Processor
 from stickslip.experiments import realizations
@@ -50,3 +52,10 @@ def test_a_run_shorter_than_a_step_slides_nowhere():
     short = scenario().model_copy(update={"sliding": scenario().sliding.model_copy(update={"duration": 0.01})})
     ensemble = simulate_disk_array(short, workers=1).sliding[0.08]
     assert not ensemble.failures and np.isnan(ensemble.velocity).all() and len(ensemble.time) == 1
+
+
+def test_the_device_of_the_command_line_reaches_the_run(monkeypatch):
+    monkeypatch.setattr(device, "open_device", lambda name: Processor())
+    chosen = ProcessOptions(workers=1, device="cuda")
+    assert _choose_processes(chosen, scenario()) == {"workers": 1, "device": "cuda"}
+    assert _choose_processes(chosen._replace(device=None), scenario()) == {"workers": 1}
