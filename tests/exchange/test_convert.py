@@ -30,10 +30,11 @@ def unstable():
 
 
 @pytest.mark.parametrize("tension", [True, False])
-def test_npz_keeps_whether_dashpots_pull(tension, tmp_path):
+@pytest.mark.parametrize("name", ["p.npz", "p.gsd"])
+def test_files_keep_whether_dashpots_pull(name, tension, tmp_path):
     law = ss.laws.hertz_mindlin_reff(2.0, 1.5, 0.2, damping_n=0.3, damping_t=0.2, tension=tension, coulomb="sharp")
-    ss.io.write_packing(tmp_path / "p.npz", spheres(), law)
-    assert ss.io.read_packing(tmp_path / "p.npz")[1].damping == law.damping
+    assert not any("dashpots" in note for note in ss.io.write_packing(tmp_path / name, spheres(), law))
+    assert ss.io.read_packing(tmp_path / name)[1].damping == law.damping
 
 
 @pytest.mark.parametrize("make", [spheres, disks])

@@ -15,6 +15,7 @@ from ...core.laws.builtin import (
     KT,
     LEVER,
     MU,
+    NO_TENSION,
     PARAMETERS,
     ROLLING,
     TWISTING,
@@ -42,17 +43,8 @@ PROPERTIES = {
     LEVER: "lever arms R − δ/2", KEEPS_FORCE: "memory of forces", ROLLING: "rolling moments",
     TWISTING: "twisting moments",
 }  # fmt: skip
-LAW = (
-    "law",
-    "coulomb",
-    "kn",
-    "kt",
-    "mu",
-    "damping",
-    "damping_n",
-    "damping_t",
-    "tension",
-)  # optional: the law of the packing
+# optional: the law of the packing
+LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t", "tension")
 
 
 def write_npz(path: str | Path, frame: Frame) -> list[str]:
@@ -85,7 +77,8 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     lost += left
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
-        arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping", "tension")}
+        arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
+        arrays |= {"tension": False} if law.damping & NO_TENSION else {}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
         arrays |= {name: values[column] for name, column in numbers.items()}
         assumed = [*frame.assumed, *(f"left out, as .npz does not store it: {text}" for text in left)]
