@@ -121,10 +121,7 @@ def scaling() -> dict:
     run_seconds(2)
     one, two = zip(*((run_seconds(1), run_seconds(2)) for _ in range(2)), strict=True)
     name = "gouge, 4 realizations with 2 branches each, runs/s"
-    return {
-        "case": name, "n": 150, "threads": 2, "ours": 1 / min(two), "unit": "1/s", "peer": 1 / min(one),
-        "peer_name": "one process", "ratio": min(one) / min(two),
-    }  # fmt: skip
+    return row(name, 150, 2, 1 / min(two), 1 / min(one), "one process", "1/s")
 
 
 def rows(*, smallest: bool = False):

@@ -120,7 +120,7 @@ def _bonding(path: Path, arrays: dict[str, np.ndarray]) -> Callable[[State], Sta
     if missing := sorted({*BONDS} - {*arrays}):
         raise PackingError(f"{path} has {min(arrays)!r} but not {missing[0]!r}: bonds need all of {', '.join(BONDS)}")
 
-    def bonded(state: State) -> State:
+    def add_bonds(state: State) -> State:
         bonds = Bonds(**{name.removeprefix(BOND): values for name, values in arrays.items()})
         try:
             state._replace(bonds=bonds).check_entries()
@@ -128,7 +128,7 @@ def _bonding(path: Path, arrays: dict[str, np.ndarray]) -> Callable[[State], Sta
         except ValueError as problem:
             raise PackingError(f"{path}: {problem}") from None
 
-    return bonded
+    return add_bonds
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
