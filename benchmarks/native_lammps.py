@@ -21,8 +21,8 @@ FOLDER = Path("results") / "native-lammps"
 NATIVE = "native "  # prefix of the name of a side
 OPTIONS = (
     "CMAKE_BUILD_TYPE=Release", "CMAKE_CXX_FLAGS_RELEASE=-O3 -march=native -DNDEBUG", "BUILD_SHARED_LIBS=on",
-    "BUILD_MPI=off", "BUILD_OMP=on", "PKG_GRANULAR=on", "PKG_OPENMP=on", "PKG_RIGID=on", "WITH_GZIP=off",
-    "WITH_JPEG=off", "WITH_PNG=off", "WITH_FFMPEG=off", "WITH_CURL=off",
+    "BUILD_MPI=off", "CMAKE_DISABLE_FIND_PACKAGE_MPI=on", "BUILD_OMP=on", "PKG_GRANULAR=on", "PKG_OPENMP=on",
+    "PKG_RIGID=on", "WITH_GZIP=off", "WITH_JPEG=off", "WITH_PNG=off", "WITH_FFMPEG=off", "WITH_CURL=off",
 )  # fmt: skip
 
 
@@ -50,9 +50,8 @@ def unpacked(source: str) -> Path:
         print(f"Downloading {source}")
         urllib.request.urlretrieve(source, archive)
     with tarfile.open(archive) as tar:
-        folder = FOLDER / tar.getnames()[0].split("/")[0]
-        tar.extractall(FOLDER, filter="data")
-    return folder
+        tar.extractall(FOLDER / "source", filter="data")
+    return next((FOLDER / "source").rglob("cmake/CMakeLists.txt")).parents[1]
 
 
 def build(source: str = SOURCE) -> None:

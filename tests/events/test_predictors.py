@@ -105,3 +105,24 @@ def test_a_predictor_that_announces_is_distinguished_from_those_that_do_not():
     assert values["softest"].low < 0.5 < values["softest"].high
     assert values["switch"].followed == values["softest"].followed == 72
     assert values["softest"].steps - values["switch"].steps == 1
+
+
+@pytest.mark.parametrize("name", ["softest", "tangent_modulus", "switch", "loss_ahead"])
+@pytest.mark.parametrize("falls", [True, False])
+def test_softening_announces_an_event_and_stiffening_does_not(name, falls):
+    made = samples(2, 4)
+    steps, events = step_table(made), event_table(made)
+    followed, _ = label_steps(steps, events, 4e-4)
+    steps[name] = np.where(followed == falls, 1.0, 2.0)
+    (skill,) = (one for one in skills(steps, events, 4e-4, resamples=2) if one.predictor == name)
+    assert skill.roc.area == falls
+
+
+@pytest.mark.parametrize("name", ["nonaffine_rate", "growth"])
+def test_faster_motion_announces_an_event(name):
+    made = samples(2, 4)
+    steps, events = step_table(made), event_table(made)
+    followed, _ = label_steps(steps, events, 4e-4)
+    steps[name] = np.where(followed, 2.0, 1.0)
+    (skill,) = (one for one in skills(steps, events, 4e-4, resamples=2) if one.predictor == name)
+    assert skill.roc.area == 1
