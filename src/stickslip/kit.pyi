@@ -123,8 +123,6 @@ from .data import laboratory_table as laboratory_table
 from .data import run_files as run_files
 from .data.archive import ArchiveError as ArchiveError
 from .data.archive import versions as versions
-from .data.checkpoint import LEGS as LEGS
-from .data.checkpoint import UNFINISHED as UNFINISHED
 from .data.checkpoint import Checkpoint as Checkpoint
 from .data.checkpoint import abandon as abandon
 from .data.checkpoint import checkpoint_in as checkpoint_in
@@ -143,12 +141,14 @@ from .data.law_schema import Packing as Packing
 from .data.law_schema import PackingLaw as PackingLaw
 from .data.law_schema import allow_laws as allow_laws
 from .data.law_schema import trust_law_files as trust_law_files
-from .data.manifest import find_foreign as find_foreign
-from .data.manifest import write_file as write_file
 from .data.nodes import archive_fields as archive_fields
+from .data.run_files import LEGS as LEGS
+from .data.run_files import UNFINISHED as UNFINISHED
 from .data.run_files import check_free as check_free
+from .data.run_files import find_foreign as find_foreign
 from .data.run_files import foreign_files_message as foreign_files_message
 from .data.run_files import write_atomically as write_atomically
+from .data.run_files import write_file as write_file
 from .data.sample import Account as Account
 from .data.sample import MemoryNote as MemoryNote
 from .data.sample import Obstacle as Obstacle

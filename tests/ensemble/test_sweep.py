@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 from stickslip.data import archive
-from stickslip.data.checkpoint import SWEEP
 from stickslip.data.run_files import OPTIONS as REMEMBERED
+from stickslip.data.run_files import SWEEP
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
 from stickslip.runs.folder import find_unfinished
 from stickslip.runs.page import folder_content
@@ -258,7 +258,7 @@ def test_members_that_fail_are_named_and_tried_again(tmp_path):
 
 def test_pieces_that_cannot_be_used_do_not_stop_a_member(tmp_path, monkeypatch):
     from stickslip.data.archive import ArchiveError
-    from stickslip.data.checkpoint import UNFINISHED
+    from stickslip.data.run_files import UNFINISHED
     from stickslip.wings.faults.rate_state import simulate as room
 
     simulate = room.simulate_slider

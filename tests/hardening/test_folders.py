@@ -11,8 +11,9 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.data import manifest
-from stickslip.data.checkpoint import checkpoint_in, unfinished_scenario
+from stickslip.data import run_files
+from stickslip.data.checkpoint import checkpoint_in
+from stickslip.data.run_files import unfinished_scenario
 from stickslip.ensemble import pool
 from stickslip.experiments.registry import is_run_file, list_files
 from stickslip.runs import folder as report
@@ -196,9 +197,9 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
     def killed(folder):
         """Some files are in their places, others are not."""
         room = folder / report.WRITING
-        if manifest.read_manifest(room):
-            manifest.write_manifest(
-                folder, {n: d + manifest.read_manifest(room)[n] for n, d in manifest.read_manifest(folder).items()}
+        if run_files.read_manifest(room):
+            run_files.write_manifest(
+                folder, {n: d + run_files.read_manifest(room)[n] for n, d in run_files.read_manifest(folder).items()}
             )
             (room / "series.csv").replace(folder / "series.csv")
             raise KeyboardInterrupt
@@ -208,9 +209,9 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
         assert call("run", "1.toml", "--out", "out", "--overwrite").code == 130
     assert report.install_results is settle
     assert call("resume", "out").code == 0
-    now, told = contents(tmp_path / "out"), manifest.read_manifest(tmp_path / "out")
+    now, told = contents(tmp_path / "out"), run_files.read_manifest(tmp_path / "out")
     assert set(now) == {*told, "manifest.json"}
-    assert all(told[name] == [manifest.digest(tmp_path / "out" / name)] for name in told)
+    assert all(told[name] == [run_files.digest(tmp_path / "out" / name)] for name in told)
     assert json.loads(now["scenario.json"])["seed"] == 1
 
 
@@ -219,11 +220,11 @@ def test_incomplete_results_replace_nothing(ran, tmp_path, missing):
     ran("out")
     before, staging = contents(tmp_path / "out"), tmp_path / "out" / report.WRITING
     staging.mkdir()
-    there = manifest.read_manifest(tmp_path / "out")
+    there = run_files.read_manifest(tmp_path / "out")
     kept = [name for name in ("scenario.json", "results.h5") if name != missing]
     for name in kept:
         shutil.copy(tmp_path / "out" / name, staging / name)
-    manifest.write_manifest(staging, {name: there[name] for name in kept})
+    run_files.write_manifest(staging, {name: there[name] for name in kept})
     report.install_results(tmp_path / "out")
     assert (staging / kept[0]).exists()
     shutil.rmtree(staging)
@@ -243,7 +244,7 @@ def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
         for path in (tmp_path / "unfinished").glob("part-*.json"):
             path.rename(path.with_name(path.name.replace("part-", "scenario-")))
     assert unfinished_scenario(tmp_path).read_text() == ones[0].text
-    assert manifest.find_foreign(tmp_path, is_run_file) == []
+    assert run_files.find_foreign(tmp_path, is_run_file) == []
     report.prepare_folder(tmp_path, ones[0])
     with report.staged_results(tmp_path) as room:
         report.save(room, ones[0], {})

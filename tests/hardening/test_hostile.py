@@ -89,7 +89,7 @@ def test_files_that_nobody_may_replace_are_not_read(here, monkeypatch):
     """A folder with large files is told at once."""
     (here / "out").mkdir()
     (here / "out" / "large").write_bytes(b"x")
-    monkeypatch.setattr("stickslip.data.manifest.digest", lambda path: pytest.fail(f"{path} is read"))
+    monkeypatch.setattr("stickslip.data.run_files.digest", lambda path: pytest.fail(f"{path} is read"))
     assert "(large)" in stickslip_here("run", "0.toml", "--out", "out", cwd=here).stderr
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from stickslip.data.checkpoint import UNFINISHED, checkpoint_in
+from stickslip.data.checkpoint import checkpoint_in
+from stickslip.data.run_files import UNFINISHED
 from stickslip.experiments.registry import papers
 from stickslip.runs.folder import mark_reproduction, reproduction_arguments
 from tests.conftest import stickslip_here as stickslip

@@ -9,14 +9,14 @@ import time
 
 import pytest
 
-from stickslip.data.manifest import HOLDER, LOCK, lock_folder
+from stickslip.data.run_files import HOLDER, LOCK, lock_folder
 from tests.conftest import stickslip_here
 
 SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'
 HOLD = """
 import sys
 from pathlib import Path
-from stickslip.data.manifest import lock_folder
+from stickslip.data.run_files import lock_folder
 with lock_folder(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from stickslip.cli import main
-from stickslip.data.checkpoint import UNFINISHED
+from stickslip.data.run_files import UNFINISHED
 from stickslip.experiments.registry import scenario
 from stickslip.reports import terminal
 from stickslip.reports.claims import claim

@@ -130,8 +130,7 @@ def reproduce(
 def _working_in(folder: Path, output: Output):
     """Lock a run folder and direct the output; after ctrl-C or SIGTERM, print the command that continues the run."""
     from ..data.checkpoint import is_worth_resuming
-    from ..data.manifest import lock_folder
-    from ..data.run_files import resume_command
+    from ..data.run_files import lock_folder, resume_command
     from ..reports import terminal
 
     with terminal.console_output(*output), lock_folder(folder):

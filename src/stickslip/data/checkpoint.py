@@ -23,7 +23,7 @@ from .._core import build
 from ..core.arguments import check_value
 from ..core.units import Units
 from .nodes import ArchiveError, Node, from_bytes, known_nouns, make_node, refuse_damage, restore, to_bytes
-from .run_files import SCENARIO, write_atomically
+from .run_files import BEGUN, GONE, MEMBERS, SCENARIO, UNFINISHED, unfinished_scenario, write_atomically
 
 SUFFIX = ".records"
 SYNC = 1.0  # shortest time between two flushes to disk: a power failure loses no more work than this [s]
@@ -115,12 +115,8 @@ def _to_frame(name: str, content: bytes) -> bytes:
     return b"".join([struct.pack("<I", crc32(content, crc32(label, crc32(sizes)))), sizes, label, content])
 
 
-# a folder and a file beside the results, and the folders of sweep members and of LAMMPS legs
-UNFINISHED, SWEEP, MEMBERS, LEGS = "unfinished", "sweep.json", "members", "lammps"
-# temporary folders: results being written, a sweep that replaces another, pieces being removed
-WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
 OTHER_VERSION = "resume with that version, or restart with --overwrite"
-_NOTE, _PART = "scenario-", "part-"  # followed by a digest: scenario of the run, and of its parts
+_PART = "part-"  # followed by a digest: scenario of a part of the run
 
 
 class Checkpoint(NamedTuple):
@@ -175,7 +171,7 @@ class Checkpoint(NamedTuple):
 
     @property
     def _note(self) -> Path:
-        return self.run / UNFINISHED / f"{_NOTE}{self._digest}.json"
+        return self.run / UNFINISHED / f"{BEGUN}{self._digest}.json"
 
     @property
     def _part_note(self) -> Path:
@@ -256,15 +252,6 @@ def read_index(path: Path) -> Index:
             check_value("about", index.about, dict[str, str])
             index.about["scenario"], index.about["stickslip"], index.about["part"]
     return index
-
-
-def unfinished_scenario(folder: Path) -> Path | None:
-    """Path of the scenario of the unfinished run in a folder, or None."""
-    notes = sorted((folder / UNFINISHED).glob(f"{_NOTE}*.json"))
-    if len(notes) > 1 and (folder / SCENARIO).is_file():  # versions before 0.2 named the notes of parts in this way
-        first = (folder / SCENARIO).read_bytes()
-        notes = [path for path in notes if path.read_bytes() == first] or notes
-    return notes[0] if notes else None
 
 
 def is_worth_resuming(folder: Path) -> bool:

@@ -18,8 +18,17 @@ from ..data import archive
 from ..data.exchange.files import capture_warnings, is_measured
 from ..data.exchange.force_network import read_forces
 from ..data.exchange.frame import Frame, frame_of, mode_frames, read_mode
-from ..data.manifest import add_to_manifest, digest, find_foreign, read_manifest, write_manifest
-from ..data.run_files import FILM, PAGE, check_free, replace_atomically
+from ..data.run_files import (
+    FILM,
+    PAGE,
+    add_to_manifest,
+    check_free,
+    digest,
+    find_foreign,
+    read_manifest,
+    replace_atomically,
+    write_manifest,
+)
 from ..data.sample import Obstacle, with_one_account
 from ..figures import animation as film
 from ..figures import page

@@ -16,27 +16,29 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from .. import __version__
 from ..core.units import units_in_use
 from ..data import archive
-from ..data.checkpoint import SWEEP, UNFINISHED, WRITING, checkpoint_in, remove_checkpoint, unfinished_scenario
-from ..data.manifest import (
-    allow_overwriting,
-    check_hidden,
-    digest,
-    find_foreign,
-    read_manifest,
-    write_file,
-    write_manifest,
-)
+from ..data.checkpoint import checkpoint_in, remove_checkpoint
 from ..data.run_files import (
     LOOK,
     NUMBERS,
     OPTIONS,
     REPRODUCTION,
     SCENARIO,
+    SWEEP,
+    UNFINISHED,
+    WRITING,
+    allow_overwriting,
+    check_hidden,
+    digest,
+    find_foreign,
     foreign_files_message,
     join_names,
     name_file_in_errors,
+    read_manifest,
     resume_command,
+    unfinished_scenario,
     write_atomically,
+    write_file,
+    write_manifest,
 )
 from ..data.schema import ScenarioBase
 from ..experiments.experiment import Experiment, named_measures

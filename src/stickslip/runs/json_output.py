@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import __version__
-from ..data.checkpoint import MEMBERS, UNFINISHED
+from ..data.run_files import MEMBERS, UNFINISHED
 from ..experiments.experiment import named_measures
 from ..experiments.registry import experiment_of, list_files
 

@@ -11,12 +11,11 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.progress import Report, silent
 from ..core.units import in_readable_units, with_unit
 from ..data import archive
-from ..data.checkpoint import UNFINISHED
 from ..data.exchange.arrays import read_archive
 from ..data.exchange.frame import frame_of
 from ..data.exchange.lammps_folder import is_run_folder
 from ..data.law_schema import check_law_files, trust_law_files
-from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, resume_command
+from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, UNFINISHED, resume_command
 from ..data.sample import PackingError
 from ..experiments.registry import list_files
 from ..figures import page

@@ -13,9 +13,7 @@ from ... import __version__
 from ...core.arguments import checked
 from ...core.reading import check_regular_file
 from ...core.units import units_in_use
-from ...data.checkpoint import MEMBERS
-from ...data.manifest import write_file
-from ...data.run_files import NUMBERS
+from ...data.run_files import MEMBERS, NUMBERS, write_file
 from ...data.schema import field_at, split_unit
 from ...experiments.experiment import SweepMember
 from ...experiments.registry import EXPERIMENTS, scenario_class

@@ -11,10 +11,18 @@ from rich.text import Text
 
 from ...core.progress import silent, within
 from ...core.units import in_readable_units
-from ...data.checkpoint import ANEW, MEMBERS, SWEEP
 from ...data.law_schema import check_law_files
-from ...data.manifest import find_foreign, read_manifest, write_manifest
-from ...data.run_files import OPTIONS, SCENARIO, foreign_files_message
+from ...data.run_files import (
+    ANEW,
+    MEMBERS,
+    OPTIONS,
+    SCENARIO,
+    SWEEP,
+    find_foreign,
+    foreign_files_message,
+    read_manifest,
+    write_manifest,
+)
 from ...ensemble import Workers, reach
 from ...figures.saving import Look
 from ...reports.terminal import console, new_table, progress, show_lines, show_table

@@ -15,10 +15,17 @@ from ...core.arguments import checked
 from ...core.progress import Report, silent, within
 from ...core.readable import readable
 from ...data.archive import ArchiveError
-from ...data.checkpoint import MEMBERS, SWEEP
 from ...data.checkpoint import remove_checkpoint as drop_pieces
-from ...data.manifest import add_to_manifest, check_hidden, write_file
-from ...data.run_files import NUMBERS, OPTIONS, write_atomically
+from ...data.run_files import (
+    MEMBERS,
+    NUMBERS,
+    OPTIONS,
+    SWEEP,
+    add_to_manifest,
+    check_hidden,
+    write_atomically,
+    write_file,
+)
 from ...data.schema import ScenarioBase
 from ...ensemble import Workers, run_members, trial
 from ...experiments.experiment import named_measures
