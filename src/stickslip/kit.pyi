@@ -122,6 +122,7 @@ from .data import archive as archive
 from .data import laboratory_table as laboratory_table
 from .data import run_files as run_files
 from .data.archive import ArchiveError as ArchiveError
+from .data.archive import archive_fields as archive_fields
 from .data.archive import versions as versions
 from .data.checkpoint import Checkpoint as Checkpoint
 from .data.checkpoint import abandon as abandon
@@ -141,7 +142,6 @@ from .data.law_schema import Packing as Packing
 from .data.law_schema import PackingLaw as PackingLaw
 from .data.law_schema import allow_laws as allow_laws
 from .data.law_schema import trust_law_files as trust_law_files
-from .data.nodes import archive_fields as archive_fields
 from .data.run_files import LEGS as LEGS
 from .data.run_files import UNFINISHED as UNFINISHED
 from .data.run_files import check_free as check_free

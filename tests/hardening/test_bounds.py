@@ -22,11 +22,10 @@ import stickslip as ss
 from stickslip.core.progress import Outcome
 from stickslip.core.reading import LARGE, Budget, Reader, read_bytes
 from stickslip.data import checkpoint as records
-from stickslip.data.archive import ArchiveError
+from stickslip.data.archive import ArchiveError, make_node, to_bytes
 from stickslip.data.checkpoint import Checkpoint, load_or_compute, read_pieces
 from stickslip.data.exchange import lammps_restart as restart
 from stickslip.data.exchange.lammps_commands import read_commands
-from stickslip.data.nodes import make_node, to_bytes
 from tests.exchange.conftest import CASES
 from tests.hardening.test_fuzz import answered, ended
 

@@ -8,7 +8,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.fields import FIELDS
 from stickslip.core.state import Bonds, Instant
-from stickslip.data import archive, nodes
+from stickslip.data import archive
 from tests.conftest import make_law, make_packing, stirred
 
 NOUNS = ("grains", "walls", "cell", "contacts", "control")
@@ -122,7 +122,7 @@ def test_all_fields_of_a_state_are_described(state):
 
 
 def test_contacts_of_others_are_refused(state):
-    contacts = nodes.trimmed(state.contacts)
+    contacts = archive.trimmed(state.contacts)
     for name in ("i", "j", "image", "key"):
         array = np.array(getattr(contacts, name))
         array[0] = array[-1] + 1
@@ -134,7 +134,7 @@ def test_contacts_of_others_are_refused(state):
 
 
 def test_shapes_and_types_that_are_wrong_are_refused(state):
-    state = state._replace(contacts=nodes.trimmed(state.contacts))
+    state = state._replace(contacts=archive.trimmed(state.contacts))
     for name, bad in (("skin", np.ones(1)), ("gap", None), ("stale", 0.0), ("rolling", np.zeros((1, 7)))):
         with pytest.raises(ValueError, match=rf"contacts\.{name} has (type|shape)"):
             changed(state, "contacts", name, bad).check_entries()

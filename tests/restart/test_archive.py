@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 
 import stickslip as ss
 from stickslip.core.state import PER_PAIR
-from stickslip.data import archive, nodes
+from stickslip.data import archive
 from tests.conftest import make_law, make_packing, stickslip_here, stirred
 
 words = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=8)
@@ -73,7 +73,7 @@ def test_states_and_results_come_back_as_what_they_were(tmp_path):
     archive.write(tmp_path / "a.h5", {"state": state, "law": law, "result": result}, scenario="text", version="0")
     tree = archive.read(tmp_path / "a.h5", nouns=(Outer, Inner))
     assert isinstance(tree["state"], ss.State)
-    assert same(tuple(state._replace(contacts=nodes.trimmed(state.contacts))), tuple(tree["state"]))
+    assert same(tuple(state._replace(contacts=archive.trimmed(state.contacts))), tuple(tree["state"]))
     assert same(tuple(result), tuple(tree["result"]))
     assert isinstance(tree["result"].by_load[0.03], Inner)
     assert archive.read(tmp_path / "a.h5")["result"]["inner"]["rate"] == 0.5  # who has no classes gets dictionaries

@@ -14,8 +14,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.data.archive import ArchiveError, make_node, restore, to_bytes
 from stickslip.data.checkpoint import Checkpoint, read_pieces
-from stickslip.data.nodes import ArchiveError, make_node, restore, to_bytes
 from stickslip.experiments import EXPERIMENTS
 from tests.conftest import stickslip_here as stickslip
 

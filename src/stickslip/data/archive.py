@@ -1,10 +1,14 @@
 """HDF5 archives: scenario text, versions, and a tree of arrays, strings, states and results.
 
-Schema 5. Groups, datasets and their attributes are the tree of nodes that `nodes` describes. The root has the
-attributes `schema`, `stickslip` and `versions` (of the software that computed the data) and `scenario` (canonical
-text), but no time stamps or host names. Entries are written in order of name, so that the bytes do not depend on
-whether a part was computed or read. Large arrays are stored with the filters shuffle and gzip, which every HDF5
-library has.
+States, results and nested containers are converted to and from a tree of nodes, which files can store. A node has
+attributes and either arrays and strings, or other nodes by name. The class of a NamedTuple or enum is the attribute
+`noun`, that of a tuple or list `sequence`, and that of the keys of a dictionary `keys`. Contact lists are stored
+without unused capacity, but with all of their memory.
+
+Schema 5. Groups, datasets and their attributes are this tree. The root has the attributes `schema`, `stickslip` and
+`versions` (of the software that computed the data) and `scenario` (canonical text), but no time stamps or host names.
+Entries are written in order of name, so that the bytes do not depend on whether a part was computed or read. Large
+arrays are stored with the filters shuffle and gzip, which every HDF5 library has.
 
 A file is assembled in memory, written to a temporary file and renamed, so an interrupted write or a full disk
 leaves the previous file unchanged. It begins with a block of text that HDF5 skips and that holds a checksum of the
@@ -12,23 +16,234 @@ rest, because HDF5 itself may hang on a damaged file.
 """
 
 import hashlib
+import json
+import math
 import platform
+import struct
 import uuid
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from enum import Enum
 from functools import cache
 from itertools import groupby
 from pathlib import Path
+from typing import NamedTuple, get_args, get_type_hints
 
-import h5py
 import numpy as np
 
 from .._core import build
-from ..core.reading import Budget, check_regular_file
-from ..core.units import Units, units_from
-from .nodes import ArchiveError, Node, known_nouns, make_node, refuse_damage, restore
+from ..core.arguments import check_value
+from ..core.laws.builtin import Law
+from ..core.laws.kinds import Kind, describe_law, restore_kind
+from ..core.reading import Budget, Reader, check_regular_file
+from ..core.state import PER_PAIR, Bonds, Cell, Contacts, Control, Grains, Instant, State, Walls
+from ..core.text import SentenceError
+from ..core.units import Fields, Units, in_units, units_from, units_of
 from .run_files import write_atomically
+
+_NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Bonds, Law)
+_LENGTH = struct.Struct("<Q")  # length of the outline of a tree [bytes]
+
+
+# exceptions raised by HDF5, JSON and NumPy, and when objects are rebuilt, for damaged files
+_DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
+
+
+class ArchiveError(SentenceError):
+    """Raised for a file that cannot be read as an archive; the message is one sentence for the user."""
+
+
+@contextmanager
+def refuse_damage(path, kind: str, remedy: str) -> Iterator[None]:
+    """Raise ArchiveError with a one-sentence message for any error caused by a damaged file."""
+    try:
+        yield
+    except ArchiveError:
+        raise
+    except _DAMAGE as problem:
+        reason = str(problem).split(" (")[0].lower()
+        raise ArchiveError(f"{path} cannot be read as {kind} ({reason}): {remedy}") from None
+
+
+class Node(NamedTuple):
+    """A group of nodes, or an array; text is an array of strings."""
+
+    attrs: dict[str, str]
+    content: "dict[str, Node] | np.ndarray | None"
+
+
+def make_node(value, units: Units | None = None, unit: str | None = None) -> Node:
+    """Node of a value; arrays with a known unit have the attribute `units`."""
+    if isinstance(value, Contacts):
+        value = trimmed(value)
+    if isinstance(value, Enum):
+        return Node({"noun": type(value).__name__}, np.array(value.name))
+    if hasattr(value, "_asdict"):
+        known = units_of(type(value))
+        content = {key: make_node(item, units, known.get(key)) for key, item in sorted(value._asdict().items())}
+        if isinstance(value, Law) and isinstance(value.kind, Kind):
+            content["own"] = make_node(describe_law(value), units)
+        return Node({"noun": type(value).__name__}, content)
+    if isinstance(value, dict):
+        numbers = [key for key in value if not isinstance(key, str)]
+        named = {key if isinstance(key, str) else repr(key): item for key, item in value.items()}
+        known = value.units if isinstance(value, Fields) else dict.fromkeys(named, unit)
+        content = {key: make_node(item, units, known.get(key)) for key, item in sorted(named.items())}
+        return Node({"keys": type(numbers[0]).__name__} if numbers else {}, content)
+    if isinstance(value, tuple | list) and {*map(type, value)} not in ({float}, {int}):  # others are one array
+        content = {f"{k:06d}": make_node(item, units, unit) for k, item in enumerate(value)}
+        return Node({"sequence": type(value).__name__}, content)
+    if value is None:
+        return Node({}, None)
+    if isinstance(value, bytes):
+        return Node({"sequence": "bytes"}, np.frombuffer(value, np.uint8))
+    array = np.asarray(value)
+    attrs = {"sequence": type(value).__name__} if isinstance(value, tuple | list) else {}
+    if array.dtype.kind in "fc" and unit:
+        attrs["units"] = in_units(unit, units)
+    return Node(attrs, array)
+
+
+def trimmed(contacts: Contacts) -> Contacts:
+    """Contact list without the unused capacity after its last pair."""
+    count = int(contacts.count[0])
+    parts = {name: getattr(contacts, name) for name in PER_PAIR}
+    return contacts._replace(**{name: part[:count] for name, part in parts.items() if part is not None})
+
+
+def known_nouns(nouns: Iterable[type]) -> dict[str, type]:
+    """Classes that `restore` may build, by name: states and laws, the given ones, and those of their fields."""
+    found = {noun.__name__: noun for noun in _NOUNS}
+    rest = list(nouns)
+    while rest:
+        noun = rest.pop()
+        if found.setdefault(noun.__name__, noun) is noun and hasattr(noun, "_fields"):
+            rest += [inner for inner in _classes_of_fields(noun) if inner.__name__ not in found]
+    return found
+
+
+@cache
+def _classes_of_fields(noun: type) -> tuple[type, ...]:
+    """NamedTuples and enums in the annotations of a NamedTuple."""
+
+    def within(annotation) -> Iterator[type]:
+        if isinstance(annotation, type) and (hasattr(annotation, "_fields") or issubclass(annotation, Enum)):
+            yield annotation
+        for inner in get_args(annotation):
+            yield from within(inner)
+
+    return tuple(inner for annotation in get_type_hints(noun).values() for inner in within(annotation))
+
+
+def restore(node: Node, known: dict[str, type]):
+    """Value of a node; unknown classes become dictionaries and strings."""
+    noun = known.get(node.attrs.get("noun", ""))
+    if not isinstance(node.content, dict):
+        value = _restore_leaf(node)
+        return noun[value] if noun else value
+    tree = {name: restore(child, known) for name, child in node.content.items()}
+    if "sequence" in node.attrs:
+        made = list(tree.values())
+        return tuple(made) if node.attrs["sequence"] == "tuple" else made
+    if "keys" in node.attrs:
+        number = {"float": float, "int": int}[node.attrs["keys"]]
+        return {number(name): value for name, value in tree.items()}
+    if noun is Law and "own" in tree:
+        tree["kind"] = _restore_kind(tree["kind"], tree.pop("own"))
+    maker = {Contacts: restore_contacts, Bonds: restore_bonds}.get(noun)
+    made = maker(tree) if maker else noun(**tree) if noun else tree
+    if noun in (State, Law) or (noun and noun not in _NOUNS):  # parts of a state are checked together with it
+        check_value(noun.__name__, made, noun)
+    return made
+
+
+def _restore_leaf(node: Node):
+    if node.content is None:
+        return None
+    if "sequence" in node.attrs:
+        return {"tuple": tuple, "list": list, "bytes": bytes}[node.attrs["sequence"]](node.content.tolist())
+    return node.content if node.content.ndim else node.content.item()
+
+
+def _restore_kind(kind: int, about: dict) -> Kind:
+    try:
+        return restore_kind(kind, about)
+    except ValueError as problem:
+        raise ArchiveError(f"this archive cannot be read: {problem}") from None
+
+
+def units_within(node: Node, path: str = "") -> dict[str, str]:
+    """Units of the arrays in a tree, keyed by path."""
+    if not isinstance(node.content, dict):
+        return {path: node.attrs["units"]} if "units" in node.attrs else {}
+    inner = (units_within(child, f"{path}/{name}" if path else name) for name, child in node.content.items())
+    return {name: unit for units in inner for name, unit in units.items()}
+
+
+def to_bytes(node: Node) -> bytes:
+    """Bytes of a tree: an outline in JSON, then the arrays."""
+    arrays: list[bytes] = []
+
+    def outline(node: Node):
+        if isinstance(node.content, dict):
+            return node.attrs, {name: outline(child) for name, child in node.content.items()}
+        if node.content is None:
+            return node.attrs, None
+        if node.content.dtype.kind in "OV":
+            raise TypeError(f"arrays of {node.content.dtype} cannot be saved")
+        arrays.append(node.content.tobytes())
+        return node.attrs, node.content.dtype.str, node.content.shape
+
+    text = json.dumps(outline(node)).encode()
+    return b"".join([_LENGTH.pack(len(text)), text, *arrays])
+
+
+def from_bytes(data: bytes) -> Node:
+    """Tree of nodes from its bytes."""
+    reader = Reader(data)
+
+    def rebuilt(attrs, content, *shape) -> Node:
+        if not shape:
+            return Node(attrs, content and {name: rebuilt(*child) for name, child in content.items()})
+        return Node(attrs, reader.array(content, math.prod(shape[0])).reshape(shape[0]).copy())
+
+    return rebuilt(*json.loads(reader.take(reader.number(_LENGTH.format))))
+
+
+def archive_fields(record) -> Fields:
+    """Return the fields of a NamedTuple for an archive: None is omitted, and tuples of strings become lines."""
+    out = {}
+    for name, value in record._asdict().items():
+        if value is None:
+            continue
+        if hasattr(value, "_asdict") and not isinstance(value, State):
+            value = Fields(value._asdict(), type(value))
+        is_text = isinstance(value, tuple) and all(isinstance(v, str) for v in value)
+        out[name] = "\n".join(value) if is_text else value
+    return Fields(out, type(record))
+
+
+def restore_contacts(fields: dict) -> Contacts:
+    """Contact list from its fields in a file.
+
+    Up to archive schema 4 and GSD schema 1, skin was an array with the gap as second entry, infinite positions marked a
+    stale list, and a law without rolling memory had an array without rows.
+    """
+    fields = {name: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for name, v in fields.items()}
+    if "stale" not in fields:
+        skin, finite = np.atleast_1d(fields["skin"]), np.isfinite(fields["origin"])
+        fields |= {"skin": float(skin[0]), "gap": float(skin[1:].sum()), "stale": not finite.all()}
+        fields["origin"] = np.where(finite, fields["origin"], 0.0)
+        if not len(fields.get("rolling", ())):
+            fields["rolling"] = None
+    return Contacts(**fields)
+
+
+def restore_bonds(fields: dict) -> Bonds:
+    """Bonds from their fields in a file. Files of early versions do not contain the breaking loads."""
+    return Bonds(**{"failed": np.zeros(len(fields["i"]), np.int8)} | fields)
+
 
 SCHEMA, OLDEST = 5, 4  # schema that is written, and the oldest one that is read
 REMEDY = "give the results.h5 of a run"
@@ -36,10 +251,7 @@ _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\
 _VERSIONS = ("numpy", "scipy", "h5py")
 _FILTERS = {"compression": "gzip", "shuffle": True}  # filters of datasets with more than 1000 numbers
 _LONG, _CHUNK = 2**16, 2**19  # smallest size of a column that has separate chunks, and largest size of a chunk [bytes]
-_SAMPLE, _WORTH = (
-    2048,
-    0.5,
-)  # size of the sample of a plane [bytes], and the largest ratio at which compression is worthwhile
+_SAMPLE, _WORTH = 2048, 0.5  # sample of a plane [bytes], and largest ratio at which compression is worthwhile
 
 
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", units: Units | None = None) -> None:
@@ -57,6 +269,8 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     OSError
         if the file cannot be written; an existing file is left unchanged.
     """
+    import h5py  # on demand, because checkpoints do without it
+
     path = Path(path)
     memory = {"driver": "core", "backing_store": False, "userblock_size": _BLOCK}
     with h5py.File(uuid.uuid4().hex, "w", **memory) as file:
@@ -129,6 +343,8 @@ def attributes(path: str | Path) -> dict[str, str]:
 
 @contextmanager
 def _open(path, remedy: str = REMEDY):
+    import h5py
+
     with refuse_damage(path, "an archive", remedy):
         _check_checksum(path, remedy)
         with h5py.File(path) as file:
@@ -162,7 +378,9 @@ def _store(group, name: str, node: Node) -> None:
         _store(made, key, child)
 
 
-def _store_array(group, name: str, array: np.ndarray | None) -> h5py.Dataset:
+def _store_array(group, name: str, array: np.ndarray | None):
+    import h5py
+
     if array is None:
         return group.create_dataset(name, data=h5py.Empty("f8"))
     if array.dtype.kind == "U":
@@ -172,7 +390,7 @@ def _store_array(group, name: str, array: np.ndarray | None) -> h5py.Dataset:
     return group.create_dataset(name, data=array, **(_FILTERS if array.size > 1000 else {}))
 
 
-def _store_columns(group, name: str, array: np.ndarray) -> h5py.Dataset:
+def _store_columns(group, name: str, array: np.ndarray):
     """Store an array in chunks of one column each, such as one component of a vector; chunks of zeros take no space."""
     pieces = -(-len(array) * array.itemsize // _CHUNK)
     rows = -(-len(array) // pieces)
@@ -216,17 +434,16 @@ def _packer(level: int):
 
 
 def _read_node(item, budget: Budget) -> Node:
+    import h5py
+
     attrs = dict(item.attrs)
-    if isinstance(item, h5py.Dataset):
-        return Node(attrs, _read_array(item, budget))
-    return Node(attrs, {name: _read_node(child, budget) for name, child in item.items()})
-
-
-def _read_array(item: h5py.Dataset, budget: Budget) -> np.ndarray | None:
+    if not isinstance(item, h5py.Dataset):
+        return Node(attrs, {name: _read_node(child, budget) for name, child in item.items()})
     budget.take(item.nbytes, item.name)
     value = item[()]
     if isinstance(value, h5py.Empty):
-        return None
+        return Node(attrs, None)
     if h5py.check_string_dtype(item.dtype) is not None:
-        return np.array(value.decode() if isinstance(value, bytes) else [v.decode() for v in value.ravel()], str)
-    return np.asarray(value)
+        texts = value.decode() if isinstance(value, bytes) else [v.decode() for v in value.ravel()]
+        return Node(attrs, np.array(texts, str))
+    return Node(attrs, np.asarray(value))

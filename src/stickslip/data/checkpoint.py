@@ -22,7 +22,7 @@ from .. import __version__
 from .._core import build
 from ..core.arguments import check_value
 from ..core.units import Units
-from .nodes import ArchiveError, Node, from_bytes, known_nouns, make_node, refuse_damage, restore, to_bytes
+from .archive import ArchiveError, Node, from_bytes, known_nouns, make_node, refuse_damage, restore, to_bytes
 from .run_files import BEGUN, GONE, MEMBERS, SCENARIO, UNFINISHED, unfinished_scenario, write_atomically
 
 SUFFIX = ".records"

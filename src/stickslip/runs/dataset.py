@@ -18,8 +18,8 @@ from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, touching
 from ..core.state import OPEN, SLIDE, STICK, State
 from ..data import archive
+from ..data.archive import known_nouns, refuse_damage, restore, units_within
 from ..data.checkpoint import read_pieces
-from ..data.nodes import known_nouns, refuse_damage, restore, units_within
 from ..data.run_files import SWEEP, resume_command
 from .sweep.dataset import is_sweep, open_sweep
 

@@ -16,7 +16,7 @@ from ...core.readable import pluralize
 from ...core.reading import Budget, Reader
 from ...core.state import State, check
 from ...extras import require
-from ..nodes import restore_bonds, restore_contacts
+from ..archive import restore_bonds, restore_contacts
 from ..run_files import replace_atomically
 from ..sample import PackingError, account_for, repeated_note
 from .content import Packing, chosen_frames
