@@ -28,8 +28,7 @@ from ...core.state import Bonds, State
 from ...core.units import Units, current_units, units_from
 from ..run_files import replace_atomically
 from ..sample import COLUMNS, Assumption, PackingError, law_by_name, repeated_note
-from .columns import packing_of_columns
-from .content import Packing, extent_note, only_state
+from .columns import Packing, extent_note, only_state, packing_of_columns
 from .frame import Frame, law_to_dict, list_losses, without_walls
 
 REQUIRED = ("position", "radius")

@@ -16,8 +16,7 @@ from ...core.laws.bonds import BY_BEAM, UNBREAKABLE, beam_bond, coefficients, pa
 from ...core.readable import pluralize
 from ...core.state import State
 from ..sample import Assumption, PackingError
-from .columns import plain_name
-from .content import HEAD, head_text, read_content
+from .columns import HEAD, head_text, plain_name, read_content
 from .force_lists import ALIASES
 from .table_file import names_of, read_columns
 

@@ -1,13 +1,211 @@
-"""Columns of grains and contacts, identified by the names that programs use or, without names, by their content."""
+"""Content of foreign files: bytes, decompressed if necessary, and packings as these files describe them.
 
+Columns of grains are identified by the names that programs use or, without names, by their content.
+"""
+
+import bz2
+import gzip
+import lzma
 import re
+import shlex
+import zlib
+from collections.abc import Callable, Container, Sequence
+from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from ...core.laws.builtin import Law
+from ...core.reading import Budget, read_bytes
+from ...core.state import State
+from ...core.text import decode_text, has_wide_letters
 from ...known import HARMLESS, USED
-from ..sample import COLUMNS, Assumption, Obstacle, PackingError, account_for
-from .content import HEAD, Packing, read_content
+from ..sample import COLUMNS, Absent, Assumption, Obstacle, PackingError, accepted, account_for, from_arrays
+
+HEAD = 2**14  # bytes at the beginning of a file by which its format is detected
+FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions that are few, and words that are examined
+ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
+MOST_DIGITS = 12  # largest number of digits in a number of grains
+LONGEST_LINE = 60  # length of lines quoted in messages [characters]
+COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
+
+
+class ListedBonds(NamedTuple):
+    """Bonds as listed in a file, each once; their laws follow from the commands of the run."""
+
+    i: np.ndarray  # (K,) grain, less than j
+    j: np.ndarray  # (K,)
+    kind: np.ndarray  # (K,) type from 1; others are broken or turned off
+    source: str  # name of the file
+    labels: dict[str, str]  # types by their labels
+    length: np.ndarray | None = None  # (K,) at rest, zero where unknown; None: not in any file [length]
+    direction: np.ndarray | None = None  # (K, 3) as in `Bonds`; None: grains have no orientations
+    turn: np.ndarray | None = None  # (K, 4), likewise
+    weights: tuple[float, ...] = ()  # three of special_bonds, of contacts; empty if they are not in the file
+
+
+class Packing(NamedTuple):
+    """A packing as a file describes it: arrays for `from_arrays`, or the state itself."""
+
+    name: str  # name of the state in its file: a time step, the number of a frame, a path in an archive
+    arrays: dict  # for `from_arrays`
+    notes: list[str]  # on assumptions and omissions
+    step: int = -1  # time step; −1: unknown
+    ids: np.ndarray | None = None  # (N,) ids that contacts refer to, increasing
+    types: np.ndarray | None = None  # (N,) from 0, rows of the law's table
+    force: np.ndarray | None = None  # (N, 3) resultant on each grain [force]
+    state: State | None = None  # complete, with its memory
+    setting: Callable[[State], State] | None = None  # adds walls and loads to the grains
+    memory: tuple | None = None  # `Restart`, which holds the memory of contacts
+    law: Law | dict | None = None  # or options of `law_by_name`
+    labels: dict[str, int] | None = None  # types of atoms by their labels, from 1
+    bonds: ListedBonds | None = None  # None: the format has no bonds
+
+
+def placed_state(packing: Packing, law: Law) -> State:
+    """Accepted state of the grains with the materials of their types, and the walls and loads of their run."""
+    state = from_arrays(law=law, **packing.arrays)
+    if packing.types is not None and len(law.table) > 1:
+        state = state._replace(grains=state.grains._replace(material=packing.types.copy()))
+    elif packing.setting is None:
+        return state
+    return accepted(state if packing.setting is None else packing.setting(state), law)
+
+
+def _zstandard(path: Path):
+    """Module that opens Zstandard files: part of the standard library from Python 3.14 on, or the package zstandard."""
+    for name in ("compression.zstd", "zstandard"):
+        try:
+            return import_module(name)
+        except ModuleNotFoundError:
+            continue
+    raise PackingError(
+        f"{path} is compressed with Zstandard, which Python reads from version 3.14 on: decompress it with "
+        f"`unzstd {shlex.quote(path.name)}`, or `pip install zstandard`"
+    )
+
+
+def read_content(path: Path, size: int = -1) -> bytes:
+    """Bytes of a file, decompressed if it is compressed; at most `size` of them if it is not negative."""
+    # function that opens the compressed file; None for others
+    start = _read(path, 6)
+    mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
+    opener = None if mark is None else COMPRESSED[mark] or _zstandard(path).open
+    if opener is None:
+        return _read(path, size)
+    budget = Budget(path, path.stat().st_size, remedy="copy it again", error=PackingError)
+    try:
+        with opener(path, "rb") as file:
+            content = file.read(size) if size >= 0 else budget.expand(file)
+    except (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile) as problem:
+        raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
+    except PackingError:
+        raise
+    except Exception as problem:
+        if type(problem).__name__ != "ZstdError":
+            raise
+        raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
+    if not content:
+        raise PackingError(f"{path} is compressed and has no content: it is truncated or damaged")
+    return content
+
+
+def _read(path: Path, size: int = -1) -> bytes:
+    try:
+        return read_bytes(path, remedy="give a file of a packing", size=size)
+    except ValueError as problem:
+        raise PackingError(str(problem)) from None
+
+
+def is_compressed(path: Path) -> bool:
+    """Return True if a file is compressed as a whole."""
+    return _read(path, 6).startswith(tuple(COMPRESSED))
+
+
+def read_lines(
+    path: Path,
+    remedy: str = "give a text file, or a binary one that is listed in `stickslip docs exchange`",
+    fallback: str | None = None,
+) -> str:
+    """Text of a file, in UTF-8 or another encoding; PackingError if it is binary, or ends in the middle of a line."""
+    try:
+        text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
+    except ValueError as problem:
+        raise PackingError(str(problem)) from None
+    if text and not text.endswith("\n"):  # a truncated number is still a number
+        raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no newline")
+    return text
+
+
+def head_text(head: bytes) -> str:
+    """Text at the beginning of a file; empty if it is binary."""
+    if b"\0" in head:
+        return ""
+    return head.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def first_lines(path: Path) -> str:
+    """The first lines of a file for a message, or its kind if it is not plain text."""
+    if has_wide_letters(head := read_content(path, HEAD)):
+        raise PackingError(f"{path} is text in UTF-16 or UTF-32: save it as UTF-8")
+    text = head_text(head)
+    lines = [line.strip()[:LONGEST_LINE] for line in text.splitlines() if line.strip()][:2]
+    return f"it begins with {' | '.join(lines)!r}" if lines else "it is binary" if head.strip() else "it is empty"
+
+
+def only_state(path: Path, frame: str | None) -> None:
+    """Raise PackingError if a frame is requested from a file with a single state."""
+    if frame not in (None, "all"):
+        raise PackingError(f"frame {frame!r} does not apply to {path}, which has only one state: leave it out")
+
+
+def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
+    """Indices of the states to read among these names: all, one, or the last by default."""
+    if frame == "all":
+        return list(range(len(names)))
+    if frame is not None and frame not in names:
+        some = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
+        raise PackingError(f"{path} has no frame {frame!r}: it has {some}")
+    return [len(names) - 1 if frame is None else names.index(frame)]
+
+
+def split_frames(
+    path: Path, frame: str | None, widths: Container[int], above: int, what: str, needed: str
+) -> list[tuple[str, list[str]]]:
+    """Number and lines of the frames to read from a text in which each frame begins with its number of grains.
+
+    Parameters
+    ----------
+    widths : allowed numbers of words in the first line of a frame
+    above : number of lines before those of the grains
+    what, needed : words for a frame and for its first line, in messages
+    """
+    lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
+    while at < len(lines):
+        fields = lines[at].split()
+        if len(fields) not in widths or not fields[0].isdecimal() or len(fields[0]) > MOST_DIGITS:
+            raise PackingError(f"{path} has {lines[at][:60]!r} at the beginning of {what} {len(starts)}: {needed}")
+        starts.append(at)
+        at += above + int(fields[0])
+    if at > len(lines):
+        raise PackingError(f"{path} ends within {what} {len(starts) - 1}: it is truncated, or still being written")
+    chosen = chosen_frames(path, [str(k) for k in range(len(starts))], frame)
+    return [(str(k), lines[start:end]) for k, (start, end) in enumerate(pairwise([*starts, at])) if k in chosen]
+
+
+def digits_note(texts: Sequence[str]) -> list[str]:
+    """Note on positions with few digits; None if they have many."""
+    most = max((len(re.sub(r"[eE].*|[-+.]", "", word).lstrip("0")) for word in texts[:SAMPLED]), default=FEW_DIGITS + 1)
+    few = f"positions have at most {most} digits, but overlaps are small differences of positions; {ALL_DIGITS}"
+    return [Absent(few)] if most <= FEW_DIGITS else []
+
+
+def extent_note(what: str) -> str:
+    """Note on a file without a box."""
+    return f"{what} has no box: the grains are treated as an unconfined cluster"
+
 
 PLACES = (
     "", "pos", "position", "positions", "point", "points", "coord", "coordinate", "coordinates", "coords", "center",
@@ -235,112 +433,3 @@ def at_rest(what: str, known: dict) -> list[Assumption]:
 def mass_note(what: str) -> Assumption:
     """Note on missing masses."""
     return Assumption(f"{what} has no masses: a density of 1 is assumed")
-
-
-SLACK = 1e-3  # relative tolerance for numbers with few digits
-MOST = 40  # columns
-TOTAL = "Fx", "Fy", "Fz"
-
-
-def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """(M, 3) vectors from grain j to the nearest image of grain i [length]."""
-    position = np.asarray(packing.arrays["position"])
-    branch = position[i] - position[j]
-    if "cell" in packing.arrays:
-        cell, periodic = np.asarray(packing.arrays["cell"]), np.asarray(packing.arrays.get("periodic", (True,) * 3))
-        for axis in (2, 1, 0):
-            if periodic[axis]:
-                branch = branch - np.round(branch[:, axis] / cell[axis, axis])[:, None] * cell[axis]
-    return branch
-
-
-def group_hint(packing: Packing) -> str:
-    """Sentence stating that gaps in the ids suggest the grains of a group; empty without gaps."""
-    ids = np.zeros(0, int) if packing.ids is None else packing.ids
-    if not len(ids) or ids[-1] == len(ids):
-        return ""
-    return f"the {len(ids)} grains have ids up to {ids[-1]}, as in the dump of a group: give a dump of all grains"
-
-
-def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> list[str]:
-    """Names of columns of contacts in their order; "" for unused columns.
-
-    The two id columns name grains that touch. The distance and the branch vector of each pair follow from the
-    positions of its grains. A normal force is parallel to the branch vector, a tangential one perpendicular to it.
-    Without either, the last three columns that are neither positions nor distances are the total force.
-
-    Parameters
-    ----------
-    values : (M, columns)
-
-    Raises
-    ------
-    PackingError
-        if no columns fit.
-    """
-    names, ids = [""] * values.shape[1], packing.ids
-    ends = next((k for k in range(min(values.shape[1], MOST) - 1) if _are_pairs(values[:, k : k + 2], packing)), None)
-    if ends is None or ids is None:
-        raise PackingError(
-            f"{path} has {values.shape[1]} unnamed columns, none of which contain ids of touching grains: "
-            f"{group_hint(packing) or 'its grains are those of another time step or run, or name its columns'}"
-        )
-    i, j = np.searchsorted(ids, values[:, ends : ends + 2].astype(np.int64)).T
-    names[ends : ends + 2] = "i", "j"
-    branch = pair_branches(packing, i, j)
-    length = np.linalg.norm(branch, axis=1)
-    for k in range(values.shape[1]):
-        if not names[k] and _is_small(values[:, k] - length, length):
-            names[k] = "dist"
-            break
-    normal, at = branch / length[:, None], 0
-    while at + 3 <= min(values.shape[1], MOST):
-        kind = "" if any(names[at : at + 3]) else _kind_of_vector(values[:, at : at + 3], branch, normal, names)
-        names[at : at + 3] = [kind + axis for axis in "xyz"] if kind else names[at : at + 3]
-        at += 3 if kind else 1
-    if "tx" in names:
-        return names
-    return _with_total_force(names, values, packing, (i, j), normal)
-
-
-def _is_small(rest: np.ndarray, whole: np.ndarray) -> bool:
-    """Return True if the remainder is a small fraction of the whole."""
-    return bool(np.abs(rest).sum() <= SLACK * np.abs(whole).sum())
-
-
-def _are_pairs(columns: np.ndarray, packing: Packing) -> bool:
-    """Return True if two columns are ids of grains and nearly all pairs touch."""
-    if not (columns == np.round(columns)).all() or not np.isin(columns, packing.ids).all():
-        return False
-    i, j = np.searchsorted(packing.ids, columns.astype(np.int64)).T
-    reach = np.asarray(packing.arrays["radius"])[i] + np.asarray(packing.arrays["radius"])[j]
-    near = np.linalg.norm(pair_branches(packing, i, j), axis=1) < (1 + SLACK) * reach
-    return bool((i != j).all() and near.mean() > 0.9)
-
-
-def _kind_of_vector(vector: np.ndarray, branch: np.ndarray, normal: np.ndarray, names: list[str]) -> str:
-    """Kind of three columns: "d" branch vector, "f" normal force, "t" tangential force, "" otherwise."""
-    along = np.einsum("ck,ck->c", vector, normal)
-    across = vector - along[:, None] * normal
-    if "dx" not in names and _is_small(vector - branch, branch):
-        return "d"
-    if "fx" not in names and along.any() and _is_small(across, along) and along.sum() > 0:
-        return "f"
-    known = across.any() or "fx" in names  # without friction, tangential forces are zero
-    return "t" if "tx" not in names and known and _is_small(along, across) else ""
-
-
-def _with_total_force(names: list[str], values: np.ndarray, packing: Packing, ends, normal: np.ndarray) -> list[str]:
-    """Name the columns of the total force on the first grain, which presses the grains apart."""
-    position = np.asarray(packing.arrays["position"])
-    flags = (values == np.round(values)).all(axis=0)
-    for at in range(values.shape[1] - 3, -1, -1):
-        vector = values[:, at : at + 3]
-        known = any(names[at : at + 3]) or flags[at : at + 3].all()
-        if known or any(_is_small(vector - position[end], position[end]) for end in ends):
-            continue
-        along = np.einsum("ck,ck->c", vector, normal)
-        if along.sum() > 0.5 * np.linalg.norm(vector, axis=1).sum():
-            names[at : at + 3] = TOTAL
-            break
-    return names

@@ -11,8 +11,7 @@ import numpy as np
 
 from ...core.text import parse_numbers
 from ..sample import COLUMNS, Assumption, Obstacle, PackingError
-from .columns import packing_of_columns
-from .content import Packing, chosen_frames, extent_note, head_text, only_state, read_lines
+from .columns import Packing, chosen_frames, extent_note, head_text, only_state, packing_of_columns, read_lines
 
 QUERY = re.compile(r"(?m)^[ \t\"]*Q\d+[ \t]*:[ \t]*(?:Particle )?([^:\n]*):")
 TIME = re.compile(r"(?m)^[ \t\"]*TIME:[\s,;]*([-+.\deE]+)")

@@ -38,8 +38,18 @@ from ..sample import (
     with_one_account,
 )
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
-from .columns import at_rest, is_matlab, mass_note
-from .content import HEAD, Packing, chosen_frames, extent_note, is_compressed, placed_state, read_content
+from .columns import (
+    HEAD,
+    Packing,
+    at_rest,
+    chosen_frames,
+    extent_note,
+    is_compressed,
+    is_matlab,
+    mass_note,
+    placed_state,
+    read_content,
+)
 from .frame import Frame, frame_of, unbonded, with_bonds, write_graph
 
 if TYPE_CHECKING:

@@ -8,8 +8,16 @@ import numpy as np
 
 from ...known import USED
 from ..sample import Assumption, PackingError, account_for
-from .columns import identify_columns, packing_of_columns, plain_name
-from .content import HEAD, chosen_frames, head_text, read_content, read_lines
+from .columns import (
+    HEAD,
+    chosen_frames,
+    head_text,
+    identify_columns,
+    packing_of_columns,
+    plain_name,
+    read_content,
+    read_lines,
+)
 from .table_file import names_of, read_columns, recognize
 
 PIXELS = ("px", "pix", "pixel", "pixels")

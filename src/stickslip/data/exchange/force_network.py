@@ -10,8 +10,7 @@ from ...core.arguments import Array, Numbers, Several, check_computed, checked
 from ...core.readable import readable
 from ...core.reading import Budget, check_matlab, read_bytes
 from ..sample import PackingError, naming
-from .columns import is_matlab
-from .content import only_state
+from .columns import is_matlab, only_state
 from .force_lists import NEEDED, WIDEST, frames_of_lists, read_lists
 
 SAID = 0.05  # gaps above which a note states their size

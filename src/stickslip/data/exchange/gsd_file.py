@@ -19,7 +19,7 @@ from ...extras import require
 from ..archive import restore_bonds, restore_contacts
 from ..run_files import replace_atomically
 from ..sample import PackingError, account_for, repeated_note
-from .content import Packing, chosen_frames
+from .columns import Packing, chosen_frames
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
 SCHEMA = 2  # schema of the chunks under stickslip/; earlier ones are read

@@ -24,7 +24,7 @@ from ...core.state import Bonds, State
 from ...core.text import parse_number
 from ...known import BONDED, HARMLESS, UNKNOWN, find_row, group_of, plain_style
 from ..sample import BONDS, Assumption, Obstacle, PackingError
-from .content import ListedBonds, Packing
+from .columns import ListedBonds, Packing
 
 YES = {"yes": True, "on": True, "true": True, "no": False, "off": False, "false": False}
 STORED = ("id1", "id2", "time", "x", "y", "z", "x/ref", "y/ref", "z/ref")  # quantities that `store/local` may write

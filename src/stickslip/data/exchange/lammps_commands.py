@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...known import BONDED, FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
-from .content import read_content, read_lines
+from .columns import read_content, read_lines
 
 LOG = re.compile(r"\ALAMMPS \(|\A[^\n]*OMP_NUM_THREADS")
 RAN = re.compile(r"(?m)^(Per MPI rank memory allocation|Loop time of \S+ on) ")

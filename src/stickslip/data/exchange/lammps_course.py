@@ -18,7 +18,7 @@ from ...core.text import parse_number
 from ...known import BETWEEN, BONDED, HARMLESS, UNKNOWN, USED, find_row, plain_style
 from ..sample import LAW, Absent, Assumption, Obstacle, PackingError, from_arrays
 from . import lammps_restart
-from .content import Packing
+from .columns import Packing
 from .lammps_bonds import laws_of_bonds, note_on_contacts, notes_on_rest, replay
 from .lammps_commands import Region, Run, group_members, numbers_in
 from .lammps_laws import (

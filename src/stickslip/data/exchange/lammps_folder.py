@@ -21,7 +21,7 @@ from ..sample import (
     notes_about,
 )
 from . import lammps_restart
-from .content import HEAD, Packing, head_text, is_compressed, read_content
+from .columns import HEAD, Packing, head_text, is_compressed, read_content
 from .lammps_bonds import can_break, replay, with_lengths
 from .lammps_commands import (
     BEGINNING,

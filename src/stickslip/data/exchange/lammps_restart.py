@@ -27,7 +27,7 @@ from ...core.reading import Reader
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
 from ...known import UNKNOWN, USED, group_of, plain_style
 from ..sample import FIXES, PAIRS, Absent, Note, Obstacle, PackingError, account_for
-from .content import HEAD, ListedBonds, Packing, only_state, read_content
+from .columns import HEAD, ListedBonds, Packing, only_state, read_content
 from .lammps_bonds import list_bonds, note_on_bonds
 from .lammps_laws import HISTORY as HISTORY_LAWS
 from .lammps_laws import SAME_UNITS, no_equal

@@ -20,7 +20,7 @@ from ...core.laws.builtin import Law
 from ...core.state import State
 from ...core.text import parse_integer
 from ..sample import WALLS, Obstacle, PackingError, notes_about, with_one_account
-from .content import Packing
+from .columns import Packing
 from .files import build_state, capture_warnings, chosen_law, lammps_law, separate_law, with_inertia
 from .lammps_file import packing_from_table, pairs_from_table
 from .lammps_folder import read_folder

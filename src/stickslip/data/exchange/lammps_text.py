@@ -20,8 +20,7 @@ from ...core.text import parse_integer, parse_numbers
 from ...known import HARMLESS, USED, group_of
 from ..run_files import replace_atomically
 from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for
-from .columns import arrange_grains, identify_columns
-from .content import digits_note, first_lines, read_lines
+from .columns import arrange_grains, digits_note, first_lines, identify_columns, read_lines
 from .frame import Frame, bounding_box, list_losses, unbonded, without_walls, wrapped_into
 from .lammps_bonds import FormattedBonds, bonds_of_data, format_bonds, list_bonds, note_on_bonds
 

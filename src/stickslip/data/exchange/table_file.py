@@ -16,15 +16,22 @@ from ...core.tables import split_rows, write_table
 from ...core.text import parse_numbers
 from ..run_files import replace_atomically
 from ..sample import COLUMNS, NO_CONTACTS, Assumption, PackingError
-from .columns import LENGTHS, NEEDED, TIMES, UNIT, identify_columns, names_by_content, packing_of_columns, plain_name
-from .content import (
+from .columns import (
     HEAD,
+    LENGTHS,
+    NEEDED,
+    TIMES,
+    UNIT,
     Packing,
     chosen_frames,
     extent_note,
     first_lines,
     head_text,
+    identify_columns,
+    names_by_content,
     only_state,
+    packing_of_columns,
+    plain_name,
     read_content,
     read_lines,
     split_frames,

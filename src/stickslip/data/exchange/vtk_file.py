@@ -24,8 +24,7 @@ from ...core.text import parse_numbers
 from ...extras import require
 from ..run_files import name_file_in_errors
 from ..sample import Assumption, PackingError
-from .columns import packing_of_columns
-from .content import Packing, extent_note, only_state, read_content
+from .columns import Packing, extent_note, only_state, packing_of_columns, read_content
 from .frame import Frame, exported, list_losses, with_bonds, wrapped_into
 
 MARK, END = b"<VTKFile", b"</VTKFile>"
