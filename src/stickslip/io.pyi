@@ -7,8 +7,8 @@ from .data.exchange.frame import contact_graph as contact_graph
 from .data.exchange.frame import frame_of as frame_of
 from .data.exchange.frame import mode_frames as mode_frames
 from .data.exchange.frame import read_mode as read_mode
+from .data.exchange.frame import write_matrices as write_matrices
 from .data.exchange.lammps_series import follow_packings as follow_packings
-from .data.exchange.matrices import write_matrices as write_matrices
 from .loading.reading import read_packing as read_packing
 from .loading.reading import read_packings as read_packings
 from .runs.dataset import contact_table as contact_table

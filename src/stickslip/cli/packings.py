@@ -221,7 +221,7 @@ def stability(
     if modes or not output.as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)
     if matrices is not None:
-        from ..data.exchange.matrices import check_name, write_matrices
+        from ..data.exchange.frame import check_name, write_matrices
 
         if not matrices:
             raise ValueError("--matrices has no name: give NAME.npz, or a folder")

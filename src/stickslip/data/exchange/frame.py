@@ -1,8 +1,12 @@
-"""Content of exported frames: a state with columns per grain and contact, an animated mode, the contact network.
+"""Exports for other programs: frames of states and animated modes, the contact network, and matrices of results.
+
+A frame is a state with columns per grain and contact. Matrices go into one NumPy file, or a folder of Matrix Market
+files.
 
 Files are written to a temporary path and then renamed, so that no partially written file has the final name.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -336,3 +340,112 @@ def _graph_of(frame: Frame) -> "networkx.MultiGraph":
     for about, i, j, force_n, force_t, mode in zip(more, *(columns[name].tolist() for name in names), strict=True):
         graph.add_edge(i, j, force_n=force_n, force_t=force_t, slides=mode == SLIDE, **about)
     return graph
+
+
+PARTS = ("data", "indices", "indptr", "shape")  # parts of a sparse matrix in compressed rows
+COORDINATES = ("mass", "body", "axis")  # of the `free` coordinates of a result, to which rows of matrices refer
+
+
+@checked
+def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[Path]:
+    """Write all matrices and vectors of some results, such as `modes.equations_of_motion`.
+
+    Parameters
+    ----------
+    path : `NAME.npz`, or a new folder for Matrix Market files
+    sources : named tuples or dictionaries whose arrays, sparse matrices and numbers are written under their names:
+        `modes.equations_of_motion`, `quasirigid.linear_system`, `quasirigid.complementarity`; of `free` coordinates,
+        only `mass`, `body` and `axis` are written
+    overwrite : whether files of the same names are replaced
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    ValueError
+        if a name occurs twice, there is nothing to write, or a file already exists.
+
+    Notes
+    -----
+    A sparse matrix `k` in `NAME.npz` consists of the arrays of its compressed rows:
+    `scipy.sparse.csr_array((f["k.data"], f["k.indices"], f["k.indptr"]), shape=f["k.shape"])`. In Matrix Market files,
+    arrays of more than two dimensions are flattened to two, keeping the first; in both formats, bodies, contacts and
+    coordinates are numbered from 0.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.7, seed=1)
+    >>> motion = ss.modes.equations_of_motion(state, ss.laws.hertz_mindlin())
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in ss.io.write_matrices(f"{folder}/m", motion)]
+    ['jacobian.mtx', 'damping.mtx', 'mass.mtx', 'force.mtx', 'body.mtx', 'axis.mtx']
+    """
+    path, parts = Path(path), _parts_of(sources)
+    flat = check_name(path)
+    paths = [path] if flat else [path / f"{name}.mtx" for name in parts]
+    if not overwrite and (there := [str(one) for one in paths if one.exists()]):
+        raise ValueError(f"{there[0]} exists: give another name, or move it away")
+    if flat:
+        arrays = {}
+        for name, value in parts.items():
+            rows = value.tocsr() if _is_sparse(value) else None
+            each = {name: value} if rows is None else {f"{name}.{part}": getattr(rows, part) for part in PARTS}
+            arrays |= each
+        with replace_atomically(path) as part, part.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+        return paths
+    from scipy.io import mmwrite
+
+    path.mkdir(exist_ok=True)
+    for one, value in zip(paths, parts.values(), strict=True):
+        with replace_atomically(one) as part, part.open("wb") as file:
+            mmwrite(file, value if _is_sparse(value) else _table(value), precision=17, symmetry="general")
+    return paths
+
+
+def check_name(path: Path) -> bool:
+    """Return True if the path is a single file, `NAME.npz`; raise ValueError if it is unsuitable."""
+    flat = path.suffix.lower() == ".npz"
+    if not flat and path.suffix:
+        raise ValueError(f"expected NAME.npz, or a folder for Matrix Market files, got {path}")
+    if not path.parent.is_dir():
+        raise ValueError(f"{path.parent} is not a folder: create it first")
+    if path.is_dir() if flat else path.is_file():
+        raise ValueError(f"{path} is a {'folder' if flat else 'file'}: give another name")
+    return flat
+
+
+def _parts_of(sources) -> dict:
+    """Arrays, sparse matrices and numbers of some results by name."""
+    found: dict = {}
+    for source in sources:
+        entries = source if isinstance(source, Mapping) else getattr(source, "_asdict", dict)()
+        known = {n: v for n, v in entries.items() if _is_sparse(v) or isinstance(v, np.ndarray | float | int)}
+        parts = {name: value if _is_sparse(value) else np.asarray(value) for name, value in known.items()}
+        parts = {name: value for name, value in parts.items() if _is_sparse(value) or value.dtype.kind in "biuf"}
+        if (free := entries.get("free")) is not None:
+            parts |= {name: getattr(free, name) for name in COORDINATES}
+        if not any(_is_sparse(value) or np.ndim(value) for value in parts.values()):
+            raise ValueError(
+                f"{type(source).__name__} has no matrices: give results such as modes.equations_of_motion(state, law)"
+            )
+        if twice := sorted(set(found) & set(parts)):
+            raise ValueError(f"{', '.join(twice)} occurs twice: write the results to separate files")
+        found |= parts
+    if not found:
+        raise ValueError("there is nothing to write: give results such as modes.equations_of_motion(state, law)")
+    return found
+
+
+def _is_sparse(value) -> bool:
+    return hasattr(value, "tocsr")
+
+
+def _table(value: np.ndarray) -> np.ndarray:
+    """Array in two dimensions; truth values as 0 and 1."""
+    value = value.astype(np.int64) if value.dtype.kind in "bu" else value
+    return value.reshape(len(value) if value.ndim else 1, -1)
