@@ -79,10 +79,10 @@ FORMATS = (
     Format("VTK", _here("vtk_file.recognize"), _here("vtk_file.read")),
     Format("extended XYZ", _here("table_file.recognize_xyz"), _here("table_file.read_xyz")),
     Format("MercuryDPM .data", _here("table_file.recognize_mercury"), _here("table_file.read_mercury")),
-    Format("EDEM's export", _here("dialects.recognize_edem"), _here("dialects.read_edem")),
-    Format("jamBashBulk", _here("dialects.recognize_jambash"), _here("dialects.read_jambash")),
-    Format("PackLSD", _here("dialects.recognize_packlsd"), _here("dialects.read_packlsd")),
-    Format("MFIX", _here("dialects.recognize_mfix"), _here("dialects.read_mfix")),
+    Format("EDEM's export", _here("table_file.recognize_edem"), _here("table_file.read_edem")),
+    Format("jamBashBulk", _here("table_file.recognize_jambash"), _here("table_file.read_jambash")),
+    Format("PackLSD", _here("table_file.recognize_packlsd"), _here("table_file.read_packlsd")),
+    Format("MFIX", _here("table_file.recognize_mfix"), _here("table_file.read_mfix")),
     Format("CSV, YADE and other tables", _here("table_file.recognize"), _here("table_file.read")),
 )
 
