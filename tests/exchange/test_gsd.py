@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stickslip as ss
-from stickslip.data.exchange import gsd_file
+from stickslip.data.exchange import arrays
 
 from .packings import SHARP, assert_same, disks, spheres, walled
 
@@ -107,16 +107,16 @@ def test_a_foreign_file_gives_what_it_has(tmp_path):
 
 def test_spins_of_turned_grains_are_read(tmp_path):
     """HOOMD's angular momentum is in the frame of the grain: a grain that was turned has its spin turned back."""
-    turn = gsd_file.quaternion(np.array([[0.3, -0.5, 0.7], [0.0, 0.0, 0.0]]))
+    turn = arrays.quaternion(np.array([[0.3, -0.5, 0.7], [0.0, 0.0, 0.0]]))
     spin, inertia = np.array([[1.0, 2.0, 3.0], [0.5, 0.0, -1.0]]), 0.1
     inverse = turn * [1, -1, -1, -1]
-    body = gsd_file.quaternion_product(gsd_file.quaternion_product(inverse, np.pad(spin, ((0, 0), (1, 0)))), turn)
+    body = arrays.quaternion_product(arrays.quaternion_product(inverse, np.pad(spin, ((0, 0), (1, 0)))), turn)
     frame = gsd.hoomd.Frame()
     frame.configuration.box = [5, 5, 5, 0, 0, 0]
     p = frame.particles
     p.N, p.position, p.diameter, p.orientation = 2, [[0, 0, 0], [2, 0, 0]], [1.0, 1.2], turn
     p.moment_inertia = np.full((2, 3), inertia)
-    p.angmom = 2 * gsd_file.quaternion_product(turn, inertia * body)
+    p.angmom = 2 * arrays.quaternion_product(turn, inertia * body)
     with gsd.hoomd.open(tmp_path / "f.gsd", "w") as file:
         file.append(frame)
     back, _, _ = ss.io.read_packing(tmp_path / "f.gsd")
@@ -176,9 +176,9 @@ def rewritten(path, change):
     with gsd.hoomd.open(path) as file:
         frame, names = file[0], file.file.find_matching_chunk_names("stickslip/")
         chunks = {name: file.file.read_chunk(0, name) for name in names}
-    meta = json.loads(chunks[gsd_file.META].tobytes())
+    meta = json.loads(chunks[arrays.META].tobytes())
     change(meta, chunks)
-    chunks[gsd_file.META] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+    chunks[arrays.META] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
     with gsd.hoomd.open(path, "w") as file:
         for name, chunk in chunks.items():
             file.file.write_chunk(name, chunk)
@@ -242,7 +242,7 @@ def test_a_small_file_does_not_fill_the_memory(of, tmp_path):
     if of == "chunks":
         content = np.fromfile(path, np.uint8)
         start, number = content[8:24].view("<u8")
-        index = content[start : start + number * gsd_file.ENTRY.itemsize].view(gsd_file.ENTRY)
+        index = content[start : start + number * arrays.ENTRY.itemsize].view(arrays.ENTRY)
         index["rows"][1:many], index["at"][1:many] = index["rows"][1], index["at"][1]
         content.tofile(path)
     what = {"frames": "particles", "chunks": "frame 0"}.get(of, of)

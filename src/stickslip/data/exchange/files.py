@@ -19,6 +19,7 @@ from ...core.state import State
 from ...core.units import Units
 from ...lazy import lazy_function
 from ...wing import FileFormat, Wing, wings
+from ..archive import named_units
 from ..run_files import replace_atomically
 from ..sample import (
     COLUMNS,
@@ -37,7 +38,16 @@ from ..sample import (
     notes_about,
     with_one_account,
 )
-from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
+from .arrays import (
+    check_arrays,
+    law_from_options,
+    load_arrays,
+    recognize,
+    recognize_archive,
+    write_archive,
+    write_gsd,
+    write_npz,
+)
 from .columns import (
     HEAD,
     Packing,
@@ -71,7 +81,7 @@ _here = partial(lazy_function, __package__)  # modules of formats are imported o
 FORMATS = (
     Format("NumPy .npz and .npy", _here("arrays.recognize"), _here("arrays.read"), packs=False),
     Format("stickslip archives (.h5)", _here("arrays.recognize_archive"), _here("arrays.read_archive"), packs=False),
-    Format("GSD", _here("gsd_file.recognize"), _here("gsd_file.read"), packs=False),
+    Format("GSD", _here("arrays.recognize_gsd"), _here("arrays.read_gsd"), packs=False),
     Format("LAMMPS restart", _here("lammps_restart.recognize"), _here("lammps_restart.read")),
     Format("part of a LAMMPS restart", _here("lammps_restart.recognize_part"), _here("lammps_restart.read")),
     Format("LAMMPS dump", _here("lammps_file.recognize_dump"), _here("lammps_file.read_grain_dump"), of_lammps=True),
@@ -152,7 +162,7 @@ def _write_by_wing(wing: Wing, form: FileFormat, path: Path, frames: list[Frame]
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
 SHOWN = (".vtu", ".graphml")  # formats whose lines and edges show bonds
-SERIES = {".gsd": _here("gsd_file.write_gsd"), ".vtu": _here("vtk_file.write_vtk")}
+SERIES = {".gsd": write_gsd, ".vtu": _here("vtk_file.write_vtk")}
 SERIES |= dict.fromkeys((".xyz", ".extxyz"), _here("table_file.write_xyz"))
 SINGLE = {".npz": write_npz, ".csv": _here("table_file.write_csv"), ".graphml": write_graph}
 SINGLE |= dict.fromkeys(LAMMPS_DATA, _here("lammps_text.write_lammps"))
@@ -341,8 +351,6 @@ def packing_units(path: str | Path) -> Units | None:
         return check_arrays(path, arrays)[0]["units"] if "units" in arrays else None
     if not recognize_archive(head):
         return None
-    from ..archive import named_units
-
     return named_units(path)
 
 
