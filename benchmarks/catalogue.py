@@ -23,11 +23,12 @@ from stickslip.loading.event_class import fit_power, vanishes
 from stickslip.loading.events import FINER
 from stickslip.runs.folder import write_result
 from stickslip.wings.studies.catalogue import figures as figures
-from stickslip.wings.studies.catalogue.report import class_counts, law_label
-from stickslip.wings.studies.catalogue.tables import (
+from stickslip.wings.studies.catalogue.report import (
     PREDICTORS,
     Skill,
     Table,
+    class_counts,
+    law_label,
     read_table,
     rows_of,
     skills,

@@ -57,5 +57,5 @@ from .wings.status.status import ContactStatus as ContactStatus
 from .wings.status.status import Verdict as Verdict
 from .wings.status.uniqueness import Uniqueness as Uniqueness
 from .wings.studies.flow.pouring import Poured as Poured
-from .wings.studies.flow.report import Deposit as Deposit
-from .wings.studies.flow.report import PlaneShear as PlaneShear
+from .wings.studies.flow.simulate import Deposit as Deposit
+from .wings.studies.flow.simulate import PlaneShear as PlaneShear

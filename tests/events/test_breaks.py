@@ -15,7 +15,7 @@ from stickslip.data.checkpoint import Checkpoint
 from stickslip.loading.failure import CHANGES, PathStep
 from stickslip.loading.settling import deformation
 from stickslip.results import Event, EventKind
-from stickslip.wings.studies.failure import report, simulate
+from stickslip.wings.studies.failure import simulate
 from stickslip.wings.studies.failure.scenario import FailureScenario
 from tests.conftest import stickslip_here
 from tests.events.packings import packing
@@ -100,13 +100,13 @@ def test_a_scenario_reads_a_cemented_packing_and_writes_its_breaks(cemented, bro
     )
     found = simulate.simulate_failure(scenario)
     (i, j, how), event = broken.events[0].broken[0], broken.events[0]
-    report.show(found)
+    simulate.show(found)
     assert f"a bond broke: that of grains {i} and {j}, by {FAILURES[how]}" in " ".join(capsys.readouterr().out.split())
-    last = found.found.steps[-1]._replace(events=(event,) * (report.SHOWN + 2))
-    report.show(found._replace(found=found.found._replace(steps=(found.found.steps[0], last))))
+    last = found.found.steps[-1]._replace(events=(event,) * (simulate.SHOWN + 2))
+    simulate.show(found._replace(found=found.found._replace(steps=(found.found.steps[0], last))))
     lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
     assert "and 2 more in events.csv" in lines and "and 2 more in breaks.csv" in lines
-    dict(report.files(found))["breaks.csv"](tmp_path / "breaks.csv")
+    dict(simulate.files(found))["breaks.csv"](tmp_path / "breaks.csv")
     with (tmp_path / "breaks.csv").open() as file:
         row = next(csv.DictReader(file))
     assert (int(row["i"]), int(row["j"]), row["by"]) == (i, j, FAILURES[how])

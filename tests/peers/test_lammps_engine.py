@@ -25,7 +25,7 @@ from stickslip.wings.lammps import run as process
 from stickslip.wings.lammps.run import leg_folder, restart_path, run_in_lammps, run_leg, walls_at
 from stickslip.wings.lammps.supported import check_leg
 from stickslip.wings.studies.flow import SETTLING, SHEARED
-from stickslip.wings.studies.flow import stages as flow_lammps
+from stickslip.wings.studies.flow import pouring as flow_lammps
 from stickslip.wings.studies.flow.pouring import poured
 from tests.conftest import stickslip_here
 from tests.peers.lammps_scenes import (

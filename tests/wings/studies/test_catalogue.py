@@ -13,8 +13,14 @@ from stickslip.cli import main
 from stickslip.runs.folder import write_result
 from stickslip.wings.studies.catalogue import figures as figures
 from stickslip.wings.studies.catalogue import read_table, report, simulate
-from stickslip.wings.studies.catalogue.report import MEASURES
-from stickslip.wings.studies.catalogue.tables import event_table, rows_of, stack_tables, step_table, write_table
+from stickslip.wings.studies.catalogue.report import (
+    MEASURES,
+    event_table,
+    rows_of,
+    stack_tables,
+    step_table,
+    write_table,
+)
 from tests.conftest import save_noise
 from tests.events.made import events_of, samples
 

@@ -6,7 +6,7 @@ import pytest
 import stickslip as ss
 from stickslip.data import archive
 from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
-from stickslip.wings.studies.flow.stages import knots
+from stickslip.wings.studies.flow.pouring import knots
 from tests.conftest import stickslip_here as stickslip
 from tests.unit.test_scenario import EXAMPLES
 

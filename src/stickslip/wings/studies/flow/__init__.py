@@ -46,12 +46,12 @@ EXPERIMENT = Experiment(
     scenario=FlowScenario,
     words="granular flows: pouring, walls, plates and gates, in stages",
     simulate=_here("simulate.simulate_on_workers"),
-    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
-    measures=_here("report.MEASURES"),
+    **lazy_functions(__name__, "simulate", "numbers", "show", "figures", "files"),
+    measures=_here("simulate.MEASURES"),
     references=references,
     writes=(r"series\.csv",),
     smallest=(SETTLING, SHEARED),
-    export=_here("stages.export"),
+    export=_here("pouring.export"),
     parallel=False,
 )
 
