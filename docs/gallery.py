@@ -67,7 +67,7 @@ data = ss.friction.Data(result.history.time, result.recorded, result.legs)
 fixed = {"stiffness": result.scenario.spring.stiffness}
 fits = [ss.friction.fit(data, law=law, fixed=fixed) for law in ("aging", "slip")]"""
 DIRECTIONS = """
-from stickslip.wings.soils.element_test.probes import first_seen
+from stickslip.wings.soils.element_test.sample import first_seen
 from stickslip.wings.soils.element_test.report import columns
 
 probes, table = result.runs[0].probes, columns(result.runs[0], result.scenario)

@@ -22,8 +22,8 @@ from stickslip.extras import MissingExtraError
 from stickslip.wings.faults.friction.laboratory import steady_mean
 from stickslip.wings.lammps import cell, script
 from stickslip.wings.lammps import run as process
+from stickslip.wings.lammps.cell import check_leg
 from stickslip.wings.lammps.run import leg_folder, restart_path, run_in_lammps, run_leg, walls_at
-from stickslip.wings.lammps.supported import check_leg
 from stickslip.wings.studies.flow import SETTLING, SHEARED
 from stickslip.wings.studies.flow import pouring as flow_lammps
 from stickslip.wings.studies.flow.pouring import poured

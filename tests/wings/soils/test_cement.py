@@ -14,10 +14,9 @@ from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.wings.soils.element_test import simulate as element
-from stickslip.wings.soils.element_test.cement import describe_break, with_cement
 from stickslip.wings.soils.element_test.measures import SAMPLE, LoadedSample
 from stickslip.wings.soils.element_test.report import columns, compare, figures, files, sentences
-from stickslip.wings.soils.element_test.sample import BALANCED, make_sample
+from stickslip.wings.soils.element_test.sample import BALANCED, describe_break, make_sample, with_cement
 from stickslip.wings.soils.element_test.scenario import Cement
 
 DISKS = {"dim": 2, "grains": 40, "pressure": 100.0, "friction": 0.1}

@@ -16,8 +16,8 @@ from stickslip.figures.saving import render as png
 from stickslip.runs.page import folder_content
 from stickslip.wings.soils.element_test import simulate as element
 from stickslip.wings.soils.element_test.measures import MEASURES
-from stickslip.wings.soils.element_test.probes import describe_direction, first_seen, plane_of, probe
 from stickslip.wings.soils.element_test.report import figures, sentences
+from stickslip.wings.soils.element_test.sample import describe_direction, first_seen, plane_of, probe
 
 DISKS = {"dim": 2, "grains": 60, "pressure": 100.0, "friction": 0.0}
 LAW = {"young": 1e9, "poisson": 0.2, "mu": 0.3}

@@ -14,14 +14,18 @@ from .cell import (
     cell_commands,
     digits,
     inertia_factor,
+    is_granular,
     is_held,
+    is_linear,
+    lacks_radius,
     leg_course,
     members_of,
+    name_with_radius,
     needs_forces,
+    parameters_of,
     rates_in_log,
     warm_up,
 )
-from .supported import is_granular, is_linear, lacks_radius, name_with_radius, parameters_of
 
 INPUT, DATA, BEFORE, PREPARE = "in.lammps", "grains.data", "before.restart", "in.prepare"
 SAMPLE, PLACES = "sample.*.restart", "places.*.dump"

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ....kit import Measures, Quantities, Quantity, clear_round_off, estimate
-from .probes import SIGNS, ProbedState, first_seen
-from .sample import fluid_pressure
+from .sample import SIGNS, ProbedState, first_seen, fluid_pressure
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries
 

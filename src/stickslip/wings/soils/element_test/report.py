@@ -25,9 +25,8 @@ from ....kit import (
     write_table,
 )
 from . import figures as figures_of
-from .cement import has_failed
 from .measures import MEASURES, PROBE, SAMPLE, SERIES, STEADY, STRESS, LoadedSample, Probed
-from .probes import SIGNS, ProbedState, describe_direction, directions_seen, first_seen, plane_of
+from .sample import SIGNS, ProbedState, describe_direction, directions_seen, first_seen, has_failed, plane_of
 from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 

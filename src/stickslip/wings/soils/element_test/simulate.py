@@ -51,19 +51,28 @@ from ....protocols import Envelope
 from ....results import Factorisation, Localisation, PackingInfo
 from ...lammps.run import lammps_engine
 from . import EXPERIMENT
-from .cement import Breaks, Cemented, describe_break, has_failed, join, unloaded, with_cement
-from .probes import ProbedState, plane_of, probe, without_answer
 from .sample import (
     BALANCED,
+    Breaks,
+    Cemented,
     Drive,
+    ProbedState,
     check_pressures,
     controlled,
     depends_on_stress,
+    describe_break,
     drive_of,
     fluid_pressure,
+    has_failed,
+    join,
     make_sample,
+    plane_of,
+    probe,
     strain_of,
+    unloaded,
     wanted_stress,
+    with_cement,
+    without_answer,
 )  # fmt: skip
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
