@@ -30,8 +30,8 @@ from stickslip.data.exchange.lammps_file import read_grain_dump
 from stickslip.data.exchange.lammps_laws import as_restitution, contact_of, law_of_contacts, mix, of_release
 from stickslip.data.exchange.lammps_restart import Restart, restore_memory
 from stickslip.data.sample import Obstacle
-from stickslip.wings.lammps.cell import check_leg
 from stickslip.wings.lammps.script import write_input
+from stickslip.wings.lammps.supported import check_leg
 from tests.laws import granular_lammps
 from tests.peers.lammps_scenes import GRANULAR, LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
 

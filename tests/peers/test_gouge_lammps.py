@@ -17,9 +17,9 @@ from stickslip.data.schema import ScenarioError
 from stickslip.extras import MissingExtraError
 from stickslip.wings.faults.friction.laboratory import steady_mean
 from stickslip.wings.lammps import run as process
-from stickslip.wings.lammps.cell import check_leg
 from stickslip.wings.lammps.run import lammps_engine
 from stickslip.wings.lammps.script import contact_commands, motion_commands, write_input
+from stickslip.wings.lammps.supported import check_leg
 from stickslip.wings.papers.gouge import simulate as queue
 from stickslip.wings.papers.gouge.protocol import load_point_lead, measure_series, slide_leg
 from stickslip.wings.papers.gouge.sample import BOTTOM, TOP, Gouge, gouge_law, prepare_sample

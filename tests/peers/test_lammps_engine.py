@@ -20,10 +20,10 @@ from stickslip.data.schema import ScenarioError
 from stickslip.experiments.registry import read_scenario
 from stickslip.extras import MissingExtraError
 from stickslip.wings.faults.friction.laboratory import steady_mean
-from stickslip.wings.lammps import cell, script
 from stickslip.wings.lammps import run as process
-from stickslip.wings.lammps.cell import check_leg
+from stickslip.wings.lammps import script, supported
 from stickslip.wings.lammps.run import leg_folder, restart_path, run_in_lammps, run_leg, walls_at
+from stickslip.wings.lammps.supported import check_leg
 from stickslip.wings.studies.flow import SETTLING, SHEARED
 from stickslip.wings.studies.flow import pouring as flow_lammps
 from stickslip.wings.studies.flow.pouring import poured
@@ -469,10 +469,10 @@ def test_formulas_of_a_deforming_cell_are_those_of_matrices():
             out[place] = eval(text)
         return out
 
-    np.testing.assert_allclose(value(cell._inverse(left)), np.linalg.inv(a), rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(value(cell._product(left, right, left)), a @ b @ a, rtol=1e-12)
-    np.testing.assert_allclose(value(cell._sum((2.0, left), (-0.5, right))), 2 * a - 0.5 * b, rtol=1e-12)
-    one, turn = np.eye(3), value(cell._turn(right, 0.1))
+    np.testing.assert_allclose(value(supported._inverse(left)), np.linalg.inv(a), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(value(supported._product(left, right, left)), a @ b @ a, rtol=1e-12)
+    np.testing.assert_allclose(value(supported._sum((2.0, left), (-0.5, right))), 2 * a - 0.5 * b, rtol=1e-12)
+    one, turn = np.eye(3), value(supported._turn(right, 0.1))
     np.testing.assert_allclose(turn, np.linalg.solve(one + 0.025 * b, one - 0.025 * b), rtol=1e-12, atol=1e-15)
 
 
@@ -640,6 +640,6 @@ def test_a_folder_written_for_a_queue_is_read_back(peer, tmp_path):
 
 def test_grains_of_different_inertia_have_no_factor():
     state = stirred()
-    assert cell.inertia_factor(state) == pytest.approx(0.4)
+    assert supported.inertia_factor(state) == pytest.approx(0.4)
     other = state.grains.inertia * np.where(np.arange(len(state.grains.mass)) % 2, 1.0, 1.5)
-    assert np.isnan(cell.inertia_factor(state._replace(grains=state.grains._replace(inertia=other))))
+    assert np.isnan(supported.inertia_factor(state._replace(grains=state.grains._replace(inertia=other))))

@@ -33,8 +33,8 @@ from ...kit import (
     write_atomically,
 )
 from ...results import Record
-from .cell import check_leg, leg_course, needs_forces, read_cell, warm_up
 from .script import BEFORE, DATA, INPUT, PLACES, PREPARE, SAMPLE, format_preparation, write_input
+from .supported import check_leg, leg_course, needs_forces, read_cell, warm_up
 
 GET = f"{install_command('bench')} installs it together with MPI, which it needs"
 LOG = "log.lammps"

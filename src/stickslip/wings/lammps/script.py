@@ -6,7 +6,7 @@ import numpy as np
 
 from ... import Law
 from ...kit import BY_NAME, Leg, builtin, driven_bodies, lammps_laws, wrapped_into
-from .cell import (
+from .supported import (
     INSTANT,
     LOOSE,
     CellCommands,

@@ -50,7 +50,6 @@ from ....kit import (
     within,
 )
 from ....results import Record
-from ...lammps.cell import check_leg
 from ...lammps.run import (
     clear_legs,
     lammps_engine,
@@ -63,6 +62,7 @@ from ...lammps.run import (
     write_start,
 )
 from ...lammps.script import write_input
+from ...lammps.supported import check_leg
 from . import EXPERIMENT
 from .protocol import (
     TRUNK,

@@ -31,8 +31,8 @@ from ....laws import for_pair
 from ....measure import heights
 from ....packings import without_walls
 from ....results import Record
-from ...lammps.cell import check_leg
 from ...lammps.run import lammps_engine, leg_folder, read_leg, walls_at, with_records, write_job
+from ...lammps.supported import check_leg
 from .scenario import AXES, FlowScenario, Plate, Shaking, Stage, force_axis
 
 SAFETY = 0.1  # in √(m/k): about 1/20 of a collision's duration π √(m/2k), 1/6 of the stability limit with six contacts
