@@ -15,7 +15,7 @@ from stickslip.core.progress import NotInEquilibriumError
 from stickslip.experiments.experiment import named_measures
 from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
-from stickslip.wings.soils.cyclic_shear import measures, report
+from stickslip.wings.soils.cyclic_shear import report
 from stickslip.wings.soils.cyclic_shear import simulate as cyclic
 from stickslip.wings.soils.element_test.sample import make_sample
 
@@ -73,14 +73,14 @@ def test_the_loops_of_a_triangular_lattice_have_a_closed_form(lattice, amplitude
     slides = min(yields / amplitude, 1.0)
     g, area = gn + gt * slides, 4 * gt * yields * amplitude * (1 - slides)
     angle = np.arccos(1 - 2 * slides)
-    loop = measures.Loop(response, 1)
+    loop = cyclic.Loop(response, 1)
     assert loop.turns[0] == pytest.approx(g, rel=1e-3)
     assert loop.area == pytest.approx(area, rel=2e-3, abs=1e-6 * g * amplitude**2)
     assert loop.damping == pytest.approx(area / (2 * np.pi * g * amplitude**2), rel=2e-3, abs=1e-6)
     storage, loss = loop.harmonics
     assert storage == pytest.approx(gn + gt * (angle - 0.5 * np.sin(2 * angle)) / np.pi, rel=1e-3)
     assert loss == pytest.approx(area / np.pi / amplitude**2, rel=2e-3, abs=1e-6)
-    assert measures.kind_of(response) == ("elastic" if amplitude < yields else "reversible")
+    assert cyclic.kind_of(response) == ("elastic" if amplitude < yields else "reversible")
     if amplitude > yields:
         shares = loop.shares
         assert shares["sliding"] == pytest.approx(1, abs=2e-3)
@@ -111,8 +111,8 @@ def rig(spheres, steps=12, **cycles):
 def test_small_cycles_have_the_stiffness_of_the_elastic_moduli(spheres, normal):
     here = rig(spheres, normal=normal)
     response = responses(here, 1e-7, 1)
-    assert measures.Loop(response, 0).turns[0] == pytest.approx(cyclic.tangent_modulus(here), rel=1e-3)
-    assert abs(measures.Loop(response, 0).damping) < 3e-5  # equilibria to 1e-10 of a force, strains of 1e-7
+    assert cyclic.Loop(response, 0).turns[0] == pytest.approx(cyclic.tangent_modulus(here), rel=1e-3)
+    assert abs(cyclic.Loop(response, 0).damping) < 3e-5  # equilibria to 1e-10 of a force, strains of 1e-7
 
 
 def test_only_the_imposed_stress_stays_constant(spheres):
@@ -130,7 +130,7 @@ def test_the_ledger_closes_the_area_of_a_loop_in_which_grains_rearrange(spheres)
     for steps in (12, 48):
         response = responses(rig(spheres, steps), 5e-3, 1)
         assert response.rearranged.sum() > 3
-        loop = measures.Loop(response, 0)
+        loop = cyclic.Loop(response, 0)
         shares = loop.shares
         left.append((abs(shares["residual"]), abs(shares["drawn"])))
         assert shares["sliding"] > 0.5 and shares["dashpots"] < 0.1
@@ -141,7 +141,7 @@ def test_the_ledger_closes_the_area_of_a_loop_in_which_grains_rearrange(spheres)
 def test_rolling_friction_has_its_share():
     law = SOFT | {"rolling": "spring", "k_roll": 1e5, "mu_roll": 0.02}
     chosen = scenario(law=law, cycles={"amplitudes": [3e-4], "number": 2, "steps": 20})
-    shares = measures.Loop(ss.simulate(chosen, workers=1).runs[0].responses[0], -1).shares
+    shares = cyclic.Loop(ss.simulate(chosen, workers=1).runs[0].responses[0], -1).shares
     assert shares["rolling"] > 0.5 and abs(shares["residual"]) < 1e-3
 
 
@@ -186,10 +186,10 @@ def test_the_first_harmonics_and_the_damping_ratio_of_an_ellipse():
     theta = np.linspace(0, 2 * np.pi, 401)
     tau = np.tile(1e4 * np.sin(theta) + 2e3 * np.cos(theta) + 500 * np.sin(3 * theta), (1, 1))
     response = made(np.zeros((2, 2)), tau)
-    assert measures.Loop(response, 0).harmonics == pytest.approx((1e8, 2e7), rel=1e-9)
-    assert measures.Loop(response, 0).area == pytest.approx(np.pi * 1e-8 * 2e7, rel=1e-3)
+    assert cyclic.Loop(response, 0).harmonics == pytest.approx((1e8, 2e7), rel=1e-9)
+    assert cyclic.Loop(response, 0).area == pytest.approx(np.pi * 1e-8 * 2e7, rel=1e-3)
     g = (1e4 - 500) / 1e-4  # at the turns
-    assert measures.Loop(response, 0).damping == pytest.approx(np.pi * 1e-8 * 2e7 / (2 * np.pi * g * 1e-8), rel=1e-3)
+    assert cyclic.Loop(response, 0).damping == pytest.approx(np.pi * 1e-8 * 2e7 / (2 * np.pi * g * 1e-8), rel=1e-3)
 
 
 def test_kinds_of_cycles():
@@ -197,11 +197,11 @@ def test_kinds_of_cycles():
     twice = np.array([[0.1 * ((a - b) % 2) for a in range(5)] for b in range(5)])
     gamma = made(same).gamma
     plastic = 1e8 * gamma + 1e3 * np.cos(2 * np.pi * np.arange(401) / 400)
-    assert measures.kind_of(made(same)) == "elastic"
-    assert measures.kind_of(made(same, plastic)) == "reversible"
-    assert measures.kind_of(made(twice, plastic)) == "periodic" and measures.period(made(twice)) == 2
-    assert measures.kind_of(made(away, plastic)) == "irreversible"
-    assert measures.kind_of(made(np.zeros((2, 2)))) == "undecided"
+    assert cyclic.kind_of(made(same)) == "elastic"
+    assert cyclic.kind_of(made(same, plastic)) == "reversible"
+    assert cyclic.kind_of(made(twice, plastic)) == "periodic" and cyclic.period(made(twice)) == 2
+    assert cyclic.kind_of(made(away, plastic)) == "irreversible"
+    assert cyclic.kind_of(made(np.zeros((2, 2)))) == "undecided"
 
 
 # sands
@@ -211,7 +211,7 @@ def test_the_damping_of_a_hyperbola_is_that_of_masing_s_rule():
     """Branches of the loop are the hyperbola τ = γ/(1 + γ/γ_r), twice as large. c₂ and c₃ vanish at a = 1, c₁ is 1."""
     gamma = np.geomspace(1e-5, 1e-2, 7)
     scale = 0.6329 - 0.00566 * np.log(10)
-    for amplitude, d in zip(gamma, measures.Curve(1e-3, 1.0).damping(gamma), strict=True):
+    for amplitude, d in zip(gamma, report.Curve(1e-3, 1.0).damping(gamma), strict=True):
         x = np.linspace(0, amplitude, 20_001)
         backbone = x / (1 + x / 1e-3)
         peak = backbone[-1]
@@ -221,10 +221,10 @@ def test_the_damping_of_a_hyperbola_is_that_of_masing_s_rule():
 
 
 def test_curves_of_sands_by_hand():
-    assert measures.darendeli(101.325e3).reference == pytest.approx(0.0352e-2)
-    assert measures.menq(101.325e3, 1.0) == pytest.approx((0.12e-2, 0.86))
-    assert measures.menq(4 * 101.325e3, 1.0).reference == pytest.approx(0.24e-2)
-    low, high = measures.band(101.325e3, np.array([1e-3]))["G_ratio"]
+    assert report.darendeli(101.325e3).reference == pytest.approx(0.0352e-2)
+    assert report.menq(101.325e3, 1.0) == pytest.approx((0.12e-2, 0.86))
+    assert report.menq(4 * 101.325e3, 1.0).reference == pytest.approx(0.24e-2)
+    low, high = report.band(101.325e3, np.array([1e-3]))["G_ratio"]
     well, uniform = (1 / (1 + (1e-3 / r) ** 0.86) for r in (0.12e-2 * 10**-0.6, 0.12e-2))
     assert low == pytest.approx(min(well, 1 / (1 + (1 / 0.352) ** 0.919))) and high == pytest.approx(uniform)
 
@@ -241,7 +241,7 @@ def result():
 
 
 def test_numbers_and_sentences_of_a_run(result):
-    text = " ".join(measures.sentences(result))
+    text = " ".join(report.sentences(result))
     for words in ("1e-06 elastic", "0.0001 ", "Curves of sands are for spheres", "Doubling the number of steps"):
         assert words in text
     named = named_measures(ss.experiments.EXPERIMENTS["cyclic-shear"], result)
@@ -253,16 +253,16 @@ def test_numbers_and_sentences_of_a_run(result):
 
 def test_a_modulus_that_the_smallest_amplitude_does_not_have_is_said(result):
     softer = [run._replace(modulus=1.1 * run.modulus) for run in result.runs]
-    assert "G at the smallest amplitude differs by 9.1% " in " ".join(measures.sentences(result._replace(runs=softer)))
-    assert "smallest amplitude differs" not in " ".join(measures.sentences(result))
+    assert "G at the smallest amplitude differs by 9.1% " in " ".join(report.sentences(result._replace(runs=softer)))
+    assert "smallest amplitude differs" not in " ".join(report.sentences(result))
 
 
 def test_spheres_are_compared_with_the_band_of_sands(result):
     """At 1e-4 and 100 kPa, G/Gmax is 0.72 to 0.89 in the band, and D is 1 to 4 %."""
     chosen = scenario(SPHERES, cycles=SHORT)
     table = {"amplitude": np.array([1e-6, 1e-4]), "G_ratio": np.array([1.0, 0.8]), "damping": np.array([0.0, 0.02])}
-    assert measures.in_band(chosen, table).tolist() == [[0, 1], [0, 1]]
-    assert "G/Gmax lies in the band of sands at" in " ".join(measures.sentences(result._replace(scenario=chosen)))
+    assert report.in_band(chosen, table).tolist() == [[0, 1], [0, 1]]
+    assert "G/Gmax lies in the band of sands at" in " ".join(report.sentences(result._replace(scenario=chosen)))
 
 
 def test_every_figure_can_be_drawn(result):

@@ -21,7 +21,7 @@ EXPERIMENT = Experiment(
     words="cyclic shear of soils: modulus reduction, damping ratio, hysteresis loops",
     simulate=_here("simulate.simulate_cyclic_shear"),
     **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
-    measures=_here("measures.MEASURES"),
+    measures=_here("report.MEASURES"),
     references=references,
     writes=(r"(cycles|series)\.csv",),
     smallest=SMALLEST,

@@ -24,7 +24,7 @@ from ....kit import (
     styled,
     subplots,
 )
-from .measures import CYCLE
+from .simulate import CYCLE
 
 _Table = Annotated[Any, Result("table of the last cycles", keys=("amplitude", "G_ratio", "damping"))]
 PARTS = {

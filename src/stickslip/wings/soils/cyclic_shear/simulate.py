@@ -1,6 +1,12 @@
-"""Simulation of cyclic shear: each step ends in equilibrium, and its energies are posted to a ledger."""
+"""Simulation of cyclic shear, and quantities of its cycles: modulus, damping ratio, split of the work, return.
 
-from functools import partial
+Each step ends in equilibrium, and its energies are posted to a ledger. γ_a and τ_a = G γ_a are the amplitudes between
+the turns of a loop. The damping ratio is D = ΔW/(4π W), with the area ΔW of the loop and W = ½ τ_a γ_a. ΔW is the work
+of the shear stress, including work within steps in which grains rearrange. G′ and G″ are the first Fourier coefficients
+of τ over γ₀, for γ = γ₀ sin θ, so ΔW = π γ₀² G″ except for the trapezoidal rule between equilibria.
+"""
+
+from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +16,8 @@ from .... import Law, NotInEquilibriumError, State
 from ....kit import (
     Checkpoint,
     PathLedger,
+    Quantities,
+    Quantity,
     Report,
     Task,
     Workers,
@@ -30,12 +38,16 @@ from ....kit import (
 )
 from ....measure import contact_forces, dissipation, pressure, rattlers, stress
 from ....modes import elastic_moduli
-from ....results import Factorisation, PackingInfo
+from ....results import Factorisation, Ledger, PackingInfo
 from ..element_test.sample import BALANCED, Drive, check_pressures, controlled, make_sample, strain_of
 from ..element_test.simulate import MODULI_UP_TO
 from . import EXPERIMENT
 from .scenario import CyclicShearScenario
 
+ELASTIC = 1e-3  # damping ratio below which cycles that return are elastic
+RETURNED = 1e-2  # rms displacement over γ₀ D below which a sample has returned
+CLEAR = 1e-5  # damping ratio above which the work is split; the area of loops below is lost in round-off
+NAN = float("nan")
 SHEAR = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # displacement gradient of γ = 1
 
 
@@ -269,3 +281,172 @@ def tangent_modulus(rig: Rig) -> float:
     except ValueError:
         return np.nan
     return float(c[0, 1, 0, 1] - (c[0, 1, 1, 1] * c[1, 1, 0, 1] / c[1, 1, 1, 1] if rig.drive.free else 0.0))
+
+
+class Loop:
+    """Cycle k of a response, with the quantities of `CYCLE`."""
+
+    def __init__(self, response: Response, k: int, run: CyclicRun | None = None):
+        self.response, self.k, self.run = response, k % len(response.gamma), run
+
+    @cached_property
+    def turns(self) -> tuple[float, float]:
+        """G and γ_a between the turns [force/length^(dim−1), 1]."""
+        quarter = (self.response.gamma.shape[1] - 1) // 4
+        turns = [quarter, 3 * quarter]
+        tau, gamma = (-np.diff(v[self.k][turns])[0] / 2 for v in (self.response.tau, self.response.gamma))
+        return float(tau / gamma), float(gamma)
+
+    @cached_property
+    def harmonics(self) -> tuple[float, float]:
+        """G′ and G″ [force/length^(dim−1)]."""
+        tau = self.response.tau[self.k]
+        theta = np.linspace(0, 2 * np.pi, len(tau))
+        return tuple(
+            float(np.trapezoid(tau * wave(theta), theta)) / (np.pi * self.response.amplitude)
+            for wave in (np.sin, np.cos)
+        )
+
+    @cached_property
+    def book(self) -> Ledger:
+        """Energies of the cycle, in columns (T + 1,) [energy/length^dim]."""
+        return Ledger(*self.response.energies[self.k].T)
+
+    @cached_property
+    def normal_work(self) -> float:
+        """Work of σ_yy [energy/length^dim]."""
+        height = self.response.height[self.k]
+        return float(np.trapezoid(self.response.normal[self.k] * np.exp(-height), height))
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the loop: work of the shear stress [energy/length^dim]."""
+        return float(self.book.external[-1] - self.book.external[0]) - self.normal_work
+
+    @cached_property
+    def damping(self) -> float:
+        """Damping ratio D."""
+        g, amplitude = self.turns
+        return self.area / (2 * np.pi * g * amplitude**2)
+
+    @cached_property
+    def shares(self) -> dict[str, float]:
+        """Contributions to the area: dissipation and storage, minus the work of σ_yy, and the residual.
+
+        `drawn` is the excess of the polygon through the equilibria.
+        """
+        spent = {name: float(column[-1] - column[0]) for name, column in self.book._asdict().items()}
+        shares = {
+            "sliding": spent["coulomb"], "rolling": spent["rolling"], "dashpots": spent["viscous"],
+            "drag": spent["drag"], "nonpotential": -spent["nonpotential"],
+            "stored": spent["normal"] + spent["tangential"], "normal": -self.normal_work,
+        }  # fmt: skip
+        shares["residual"] = self.area - sum(shares.values())
+        shares["drawn"] = float(np.trapezoid(self.response.tau[self.k], self.response.gamma[self.k])) - self.area
+        return {name: value / self.area for name, value in shares.items()}
+
+    @property
+    def in_rearrangements(self) -> float:
+        """Share of the dissipation in steps in which grains rearrange; NaN without dissipation."""
+        book, moved = self.book, self.response.rearranged[self.k][1:]
+        dissipated = np.diff(book.coulomb + book.rolling + book.viscous + book.drag)
+        total = dissipated.sum()
+        return float(dissipated[moved].sum() / total) if total else NAN
+
+    @property
+    def clear(self) -> bool:
+        """True if the work can be split."""
+        return abs(self.damping) >= CLEAR
+
+
+STRESS, WORK = "force/length^(dim-1)", "energy/length^dim"
+PARTS = {
+    "sliding": "sliding contacts", "rolling": "rolling friction", "dashpots": "dashpots", "drag": "drag",
+    "nonpotential": "changes of the tangential springs", "stored": "energy stored in contacts",
+    "normal": "work of σ_yy, negative", "residual": "remainder that the ledger does not explain",
+}  # fmt: skip
+
+
+def _share(name: str, meaning: str) -> Quantity:
+    return Quantity(name, "1", meaning, lambda loop: loop.shares[name] if loop.clear else NAN)
+
+
+CYCLE = Quantities([
+    Quantity("sample", "1", "seed of the sample", "run.seed"),
+    Quantity("kind", "1", "kind of the last cycles at the amplitude", lambda loop: kind_of(loop.response)),
+    Quantity("amplitude", "1", "amplitude γ₀", "response.amplitude", r"amplitude of the shear strain $\gamma_0$"),
+    Quantity("cycle", "1", "number of the cycle", lambda loop: loop.k + 1),
+    Quantity("G", STRESS, "secant modulus between the turns", lambda loop: loop.turns[0]),
+    Quantity("G_ratio", "1", "G/Gmax", lambda loop: loop.turns[0] / largest_modulus(loop.run), r"$G/G_\mathrm{max}$"),
+    Quantity("damping", "1", "damping ratio", label="damping ratio $D$"),
+    Quantity("storage", STRESS, "G′, storage modulus", lambda loop: loop.harmonics[0], "$G'$"),
+    Quantity("loss", STRESS, "G″, loss modulus", lambda loop: loop.harmonics[1], "$G''$"),
+    Quantity("area", WORK, "area of the loop, the work of the shear stress"),
+    *(_share(name, f"fraction of the area: {words}") for name, words in PARTS.items()),
+    _share("drawn", "excess of the polygon through the equilibria, over the area"),
+    Quantity("in_rearrangements", "1", "fraction of the dissipation in steps with rearrangements",
+             lambda loop: loop.in_rearrangements if loop.clear else NAN),
+    Quantity("busiest", "1", "fraction of sliding work in the tenth of the contacts that dissipates most",
+             lambda loop: loop.response.busiest[loop.k] if loop.clear else NAN),
+    Quantity("strong", "1", "fraction of sliding work in contacts with more than the mean force",
+             lambda loop: loop.response.strong[loop.k] if loop.clear else NAN),
+    Quantity("rearranged", "1", "fraction of steps with rearrangements",
+             lambda loop: float(loop.response.rearranged[loop.k][1:].mean())),
+    Quantity("pressure", STRESS, "pressure at the end", lambda loop: float(loop.response.pressure[loop.k][-1])),
+    Quantity("volumetric_strain", "1", "volumetric strain at the end, compression positive",
+             lambda loop: float(loop.response.height[loop.k][-1])),
+    Quantity("returned", "1", "rms displacement of grains in the cycle, over γ₀ D",
+             lambda loop: float(loop.response.distance[loop.k + 1][loop.k])),
+])  # fmt: skip
+
+LOOP = Quantities([
+    *(CYCLE[name] for name in ("sample", "amplitude", "cycle")),
+    Quantity("gamma", "1", "shear strain", lambda loop: loop.response.gamma[loop.k], r"$\gamma/\gamma_0$"),
+    Quantity("tau", STRESS, "shear stress, −σ_xy", lambda loop: loop.response.tau[loop.k]),
+    Quantity("normal", STRESS, "σ_yy", lambda loop: loop.response.normal[loop.k]),
+    Quantity("pressure", STRESS, "pressure", lambda loop: loop.response.pressure[loop.k]),
+    Quantity("height", "1", "ε_yy, compression positive", lambda loop: loop.response.height[loop.k]),
+    Quantity("rearranged", "1", "1 where grains rearranged", lambda loop: loop.response.rearranged[loop.k]),
+])  # fmt: skip
+
+
+def loops_of(result: CyclicShearResult) -> list[Loop]:
+    """All cycles of all samples."""
+    return [
+        Loop(response, k, run)
+        for run in result.runs
+        for response in run.responses
+        for k in range(len(response.gamma))
+    ]  # fmt: skip
+
+
+def last_cycles(run: CyclicRun) -> dict[str, np.ndarray]:
+    """Quantities of the last cycle at each amplitude: columns by name."""
+    return CYCLE.columns(Loop(response, -1, run) for response in run.responses)
+
+
+def largest_modulus(run: CyclicRun) -> float:
+    """Gmax of a sample: its tangent modulus or, if that is not known, G at the smallest amplitude."""
+    return run.modulus if np.isfinite(run.modulus) else Loop(run.responses[0], -1).turns[0]
+
+
+def period(response: Response) -> int:
+    """Number of cycles after which grains return, in the last cycles; 0 if they do not."""
+    back = response.distance[-1][-2::-1]
+    returned = np.flatnonzero(back < RETURNED)
+    return int(returned[0]) + 1 if len(returned) else 0
+
+
+def kind_of(response: Response) -> str:
+    """Kind of the final cycles at an amplitude.
+
+    elastic: grains return after a cycle, and the damping ratio is below `ELASTIC`; reversible: grains return, but the
+    loop has an area, so sliding is reversed; periodic: grains return after several cycles; irreversible: grains
+    do not return. Grains return if their rms displacement is below `RETURNED` times γ₀ times the mean diameter.
+    """
+    if len(response.gamma) < 2:
+        return "undecided"
+    n = period(response)
+    if n == 1:
+        return "elastic" if abs(Loop(response, -1).damping) < ELASTIC else "reversible"
+    return "periodic" if n else "irreversible"
