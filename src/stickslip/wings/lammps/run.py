@@ -313,7 +313,18 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     elapsed = step * leg.dt
     low, high, (xy, xz, yz) = box[0:6:2], box[1:6:2], box[6:9]
     vectors = np.array([[high[0] - low[0], 0, 0], [xy, high[1] - low[1], 0], [xz, yz, high[2] - low[2]]])
-    cell, position, velocity = _read_motion(leg, folder, step, restart, vectors, box[9:])
+    dumped = folder / PLACES.replace("*", str(step + warm_up(leg)))
+    if needs_forces(leg):
+        cell, position, velocity = read_cell(leg, vectors, box[9:], read_dump(dumped)[0][0])
+    else:
+        rate, whole, inside = state.control.cell_rate, restart.image * state.cell.periodic, restart.position
+        vectors = vectors - leg.dt * state.cell.vectors @ rate.T  # the box in the log is that of the next step
+        if rate.any():
+            position = read_dump(dumped)[0][0].numbers("xu", "yu", "zu")
+            inside = inside + np.round((position - inside - whole @ vectors) @ np.linalg.inv(vectors)) @ vectors
+        change = step * leg.dt * state.cell.vectors @ rate.T
+        cell = state.cell._replace(vectors=state.cell.vectors + change, rate=rate.copy())
+        position, velocity = inside + whole @ vectors, restart.velocity - inside @ rate.T
     grains = state.grains._replace(position=position, velocity=velocity, spin=restart.spin)
     moved = grains.position, grains.velocity, grains.spin, restart.slip, restart.wall_slip
     if not all(np.isfinite(values).all() for values in moved):
@@ -324,24 +335,6 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     more, wall_more = (lammps_restart.rotations(values, *places[1:]) for values in (restart.more, restart.wall_more))
     restart = restart._replace(more=more, wall_more=wall_more)
     return lammps_restart.restore_memory(moved._replace(grains=grains), leg.law, restart)
-
-
-def _read_motion(
-    leg: Leg, folder: Path, step: int, restart: lammps_restart.Restart, following: np.ndarray, rates: np.ndarray
-):
-    """Cell, positions and velocities; `following` is the box in the log, which is that of the next step."""
-    state, rate = leg.state, leg.state.control.cell_rate
-    dumped = folder / PLACES.replace("*", str(step + warm_up(leg)))
-    if needs_forces(leg):
-        return read_cell(leg, following, rates, read_dump(dumped)[0][0])
-    whole, inside = restart.image * state.cell.periodic, restart.position
-    vectors = following - leg.dt * state.cell.vectors @ rate.T
-    if rate.any():
-        position = read_dump(dumped)[0][0].numbers("xu", "yu", "zu")
-        inside = inside + np.round((position - inside - whole @ vectors) @ np.linalg.inv(vectors)) @ vectors
-    change = step * leg.dt * state.cell.vectors @ rate.T
-    cell = state.cell._replace(vectors=state.cell.vectors + change, rate=rate.copy())
-    return cell, inside + whole @ vectors, restart.velocity - inside @ rate.T
 
 
 def walls_at(leg: Leg, elapsed: float):

@@ -89,7 +89,10 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 
 def format_input(leg: Leg, begin: str = DATA) -> str:
     """Commands of a leg, including output and `run`."""
-    first = warm_up(leg)
+    first, moving = warm_up(leg), _moving_cell(leg)
+    # two steps of zero duration, so that the first forces depend on the initial rate and vectors of the cell
+    between = "\n".join(["run 1", *moving.first, "run 1 pre no", *moving.second]) if moving.before else "run 2"
+    warming = f"timestep {INSTANT}\n{between}\ntimestep {digits(leg.dt)}\n"
     times = f"every {leg.every} steps, and at the end" if leg.every else f"at {leg.samples} times"
     return f"""{contact_commands(leg, begin)}
 {motion_commands(leg)}
@@ -99,7 +102,7 @@ restart v_sample {SAMPLE}
 thermo_style custom step xlo xhi ylo yhi zlo zhi xy xz yz{rates_in_log(leg.state)}
 thermo_modify format float %.17g flush yes norm no
 thermo v_sample
-{_place_commands(leg)}{_warm_up(leg) if first else ""}run {leg.steps}{" pre no" if first else ""}
+{_place_commands(leg)}{warming if first else ""}run {leg.steps}{" pre no" if first else ""}
 """
 
 
@@ -112,13 +115,6 @@ def _next_sample(leg: Leg, step: str) -> str:
     count, steps = past + leg.samples, done + leg.steps
     here, back = (f"({step}+{done})", f"-{done}") if done else (step, "")
     return f"round((round({here}*{count}/{steps})+1)*{steps}/{count}){back}"
-
-
-def _warm_up(leg: Leg) -> str:
-    """Two steps of zero duration, so that the first forces depend on the initial rate and vectors of the cell."""
-    moving = _moving_cell(leg)
-    between = "\n".join(["run 1", *moving.first, "run 1 pre no", *moving.second]) if moving.before else "run 2"
-    return f"timestep {INSTANT}\n{between}\ntimestep {digits(leg.dt)}\n"
 
 
 def _moving_cell(leg: Leg) -> CellCommands:
@@ -143,6 +139,17 @@ def contact_commands(leg: Leg, begin: str = DATA) -> str:
     )
     load = f"read_data {DATA}" if new else f"read_restart {begin}"
     order = "atom_modify sort 0 0\n" if leg.law.properties & builtin.ROLLING else ""  # sorting would reverse the memory
+    walls = []
+    for k, number in enumerate(leg.wall_numbers):  # a region for each wall, with its own friction
+        name, body = f"wall{number}", len(state.grains.radius) + k
+        course = _course_commands(leg, body, name)
+        walls += [moved for moved, _ in course.values()]
+        moves = " move " + " ".join(f"v_{name}_d{a}" if a in course else "NULL" for a in "xyz") if course else ""
+        walls.append(f"region {name} plane {digits(*state.walls.point[k], *state.walls.normal[k])}{moves}")
+        q = leg.law.table[state.grains.material[0], state.walls.material[k]]
+        model = granular_style(leg.law, _coefficients(leg.law, q, float(state.grains.radius[0])))
+        walls.append(f"fix {name} all wall/gran/region granular {model} region {name}")
+    wall_commands = "\n".join(walls)
     exclude = "".join(f" exclude type {g + 2} {g + 2}" for g in members_of(state))
     return f"""{read}
 {order}newton off
@@ -153,7 +160,7 @@ comm_modify vel yes
 neighbor {digits(leg.skin)} bin
 neigh_modify delay 0 every 1 check yes{exclude}
 {pair_commands(leg.law, leg)}
-{_wall_commands(leg)}"""
+{wall_commands}"""
 
 
 def _coefficients(law: Law, q, radius: float) -> dict[str, float]:
@@ -176,21 +183,6 @@ def pair_commands(law: Law, leg: Leg) -> str:
 
 def _tension_option(law: Law) -> str:
     return " limit_damping" if law.damping & builtin.NO_TENSION else ""
-
-
-def _wall_commands(leg: Leg) -> str:
-    """A plane region and `fix wall/gran/region` for each wall, with its own friction."""
-    state, law, lines = leg.state, leg.law, []
-    for k, number in enumerate(leg.wall_numbers):
-        name, body = f"wall{number}", len(state.grains.radius) + k
-        course = _course_commands(leg, body, name)
-        lines += [moved for moved, _ in course.values()]
-        moves = " move " + " ".join(f"v_{name}_d{a}" if a in course else "NULL" for a in "xyz") if course else ""
-        lines.append(f"region {name} plane {digits(*state.walls.point[k], *state.walls.normal[k])}{moves}")
-        q = law.table[state.grains.material[0], state.walls.material[k]]
-        model = granular_style(law, _coefficients(law, q, float(state.grains.radius[0])))
-        lines.append(f"fix {name} all wall/gran/region granular {model} region {name}")
-    return "\n".join(lines)
 
 
 def granular_style(law: Law, values: dict[str, float]) -> str:
@@ -268,7 +260,16 @@ def motion_commands(leg: Leg) -> str:
     lines += _plate_commands(leg)
     disc = " disc" if leg.state.cell.dim == 2 and abs(inertia_factor(leg.state) - SPHERE) > 1e-6 else ""
     lines.append(f"fix loose loose nve/sphere{disc}")
-    lines += [] if needs_forces(leg) else _cell_commands(leg)
+    # simple shear: `fix deform` deforms the cell at the end of a step, after the forces, and changes the velocity of
+    # grains that cross a boundary; its input is the tilt of the next step
+    rate, tilts = leg.state.control.cell_rate, []
+    for a, b in zip(*np.nonzero(rate), strict=True) if not needs_forces(leg) else ():
+        name, speed = f"{'xyz'[a]}{'xyz'[b]}", digits(rate[a, b] * leg.state.cell.vectors[b, b])
+        lines.append(f"variable tilt_{name} equal {speed}*{digits(leg.dt)}*(step-1)")
+        lines.append(f"variable rate_{name} equal {speed}")
+        tilts.append(f"{name} variable v_tilt_{name} v_rate_{name}")
+    if tilts:
+        lines.append(f"fix cell all deform 1 {' '.join(tilts)} remap v")
     if leg.state.cell.dim == 2:
         lines.append("fix plane all enforce2d")
     if leg.ranks > 1 and not leg.state.cell.periodic[: leg.state.cell.dim].all():
@@ -386,20 +387,3 @@ def _place_commands(leg: Leg) -> str:
     columns = "x y z ix iy iz vx vy vz fx fy fz" if needs_forces(leg) else "xu yu zu"
     how = "every v_sample sort id format float %.17g"
     return f"dump places all custom 1 {PLACES} id {columns}\ndump_modify places {how}\n"
-
-
-def _cell_commands(leg: Leg) -> list[str]:
-    """Simple shear of the cell by `fix deform`; the velocity of grains that cross a boundary changes.
-
-    The fix deforms the cell at the end of a step, after the forces: its input is the tilt of the next step. Two steps
-    of zero duration come first, so that the first forces depend on the initial rate and tilt of the cell.
-    """
-    rate, lines, arguments = leg.state.control.cell_rate, [], []
-    for a, b in zip(*np.nonzero(rate), strict=True):
-        name, speed = f"{'xyz'[a]}{'xyz'[b]}", digits(rate[a, b] * leg.state.cell.vectors[b, b])
-        lines += [
-            f"variable tilt_{name} equal {speed}*{digits(leg.dt)}*(step-1)",
-            f"variable rate_{name} equal {speed}",
-        ]
-        arguments.append(f"{name} variable v_tilt_{name} v_rate_{name}")
-    return [*lines, f"fix cell all deform 1 {' '.join(arguments)} remap v"] if arguments else []

@@ -126,9 +126,15 @@ def cell_commands(leg: Leg, turning: float = 0.0) -> CellCommands:
     places = np.argwhere(leg.state.control.cell_free | (start != 0)).tolist()
     rate = {(a, b): f"({digits(start[a, b])})" for a, b in places}
     later, before, control = rate.copy(), [], []
+    pulls = ["compute cell_stress all pressure NULL pair", "variable zero equal 0.0"] if axes else []
     for x in axes:
         k = AXES.index(x)
         rate[k, k], later[k, k] = f"v_cell_rate_{x}", f"v_cell_next_{x}"
+        # L̇ from contacts, and from the energies of fixes, each of which is Σ m v² along an axis
+        inertia = f"({digits(cell_mass(leg.state))}*vol^{digits(2 / leg.state.cell.dim)})"
+        target = f"({digits(leg.state.control.stress[k, k])})"
+        pull = f"(vol*(c_cell_stress[{k + 1}]-{target})+f_cell_twice_{x})/{inertia}"
+        pulls.append(f"variable cell_pull_{x} equal {pull}")
         for name in ("old", "rate"):
             before.append(f"variable cell_{name}_{x} internal {digits(start[k, k])}")
             control.append(
@@ -141,7 +147,7 @@ def cell_commands(leg: Leg, turning: float = 0.0) -> CellCommands:
     first, totals, push = _grain_commands(leg, rate, later, turning, first=True)
     course, _, _ = _grain_commands(leg, rate, later, turning)
     at_rest, moves, deform = _shape_commands(leg, rate, start)
-    before += [*_stress_commands(leg), *first, *totals, *push, *still, *control, *at_rest, deform]
+    before += [*pulls, *first, *totals, *push, *still, *control, *at_rest, deform]
     return CellCommands(before, [*begin, *moves], [*course, *go_on])
 
 
@@ -177,18 +183,6 @@ def _inverse(m: Matrix) -> Matrix:
 def _turn(rate: Matrix, dt: float) -> Matrix:
     """Effect T of half a step of L on a velocity."""
     return _product(_inverse(_sum((1, ONE), (0.25 * dt, rate))), _sum((1, ONE), (-0.25 * dt, rate)))
-
-
-def _stress_commands(leg: Leg) -> list[str]:
-    """Variables for L̇, from contacts and from the energies of fixes, each of which is Σ m v² along an axis."""
-    state, lines = leg.state, []
-    for x in free_axes(state):
-        k = AXES.index(x)
-        inertia = f"({digits(cell_mass(state))}*vol^{digits(2 / state.cell.dim)})"
-        target = f"({digits(state.control.stress[k, k])})"
-        pull = f"(vol*(c_cell_stress[{k + 1}]-{target})+f_cell_twice_{x})/{inertia}"
-        lines.append(f"variable cell_pull_{x} equal {pull}")
-    return ["compute cell_stress all pressure NULL pair", "variable zero equal 0.0", *lines] if lines else []
 
 
 def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, first: bool = False):

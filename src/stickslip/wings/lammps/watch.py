@@ -25,7 +25,6 @@ from ...kit import (
 )
 from ...measure import BALANCED_BELOW, coordination, stress
 from ...packings import PackingError
-from ...results import Stability
 
 METHODS = ("auto", "none", "fastest", "all", "dense", "pairs")
 TENSOR = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
@@ -102,7 +101,17 @@ def measure_frame(
         return _note(row, f"no spectrum of {len(free)} coordinates out of equilibrium") if large else row
     result = stability(state, law, method="fastest" if large else method, report=report)
     matrix = here.with_modes(modes_under(state, law, here.line)).dynamical_matrix(free)
-    return _add_spectrum(row, result, softest_eigenvalue(matrix), notes)
+    softest, known = softest_eigenvalue(matrix), to_dict(result, notes=notes)  # as in `stickslip stability --json`
+    grow = known["pairs"]
+    negative = known["negative"] if "negative" in known else known["growing"]
+    static = result.undamped or result
+    least = min([softest.real, *map(float, static.negative)]) if np.isfinite(softest.real) else None
+    return row._replace(
+        rattlers=known["rattlers"], softest=least, zero_modes=known["zero_modes"], pairs=len(grow),
+        growth_rate=grow[0]["growth_rate"] if grow else None, omega=grow[0]["omega"] if grow else None,
+        buckling=len(negative), stable=known["stable"], balanced=known["balanced"],
+        verdict=verdict(result, None, notes), scope=known["scope"],
+    )  # fmt: skip
 
 
 def _note(row: Row, text: str) -> Row:
@@ -118,21 +127,6 @@ def _add_stress(row: Row, state: State, law: Law) -> Row:
     parts = {f"stress_{name}": float(value) for name, value in zip(TENSOR, tensor.ravel(), strict=True)}
     shear = float(principal[-1] - principal[0]) / 2
     return row._replace(pressure=float(np.trace(tensor)) / dim, shear_stress=shear, **parts)
-
-
-def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
-    """Row with the numbers of a spectrum, as in `stickslip stability --json`."""
-    known = to_dict(result, notes=notes)
-    grow = known["pairs"]
-    negative = known["negative"] if "negative" in known else known["growing"]
-    static = result.undamped or result
-    least = min([softest.real, *map(float, static.negative)]) if np.isfinite(softest.real) else None
-    return row._replace(
-        rattlers=known["rattlers"], softest=least, zero_modes=known["zero_modes"], pairs=len(grow),
-        growth_rate=grow[0]["growth_rate"] if grow else None, omega=grow[0]["omega"] if grow else None,
-        buckling=len(negative), stable=known["stable"], balanced=known["balanced"],
-        verdict=verdict(result, None, notes), scope=known["scope"],
-    )  # fmt: skip
 
 
 def verdict_word(row: Row) -> str:

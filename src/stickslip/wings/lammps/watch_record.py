@@ -132,15 +132,6 @@ def write_page(path: Path, place: Path, table: Path, done: Progress, how: dict) 
     rows = [row for _, row in sorted(done.rows.items())]
     now = time.strftime("%Y-%m-%d %H:%M:%S")
     live = f"written at {now}; this page reloads every {RELOAD} s" if done.live else f"ended at {now}"
-    text = page.page(
-        f"Watching {place.resolve().name}", f"stickslip {__version__}, {live}", _sections(rows, table, done, how),
-        reload=RELOAD if done.live else None,
-    )  # fmt: skip
-    with staged_file(path) as part:
-        part.write_bytes(text.encode())
-
-
-def _sections(rows: list[Row], table: Path, done: Progress, how: dict) -> list[tuple[str, str]]:
     usable = [row for row in rows if row.computed]
     sections = [("Newest frame", _newest(usable[-1], done) if usable else page.paragraph("No frame yet.", kind="soft"))]
     if usable:
@@ -150,7 +141,11 @@ def _sections(rows: list[Row], table: Path, done: Progress, how: dict) -> list[t
         rest = f"And {len(rows) - ROWS} earlier ones" if len(rows) > ROWS else "All frames with all measures"
         sections.append(("Frames", frames + page.paragraph(f"{rest} in {table.name}.", kind="soft")))
     facts = [["law", how["law"]], *(["note", line] for line in done.notes)]
-    return [*sections, ("Conditions", page.table(["", "value"], facts))]
+    sections.append(("Conditions", page.table(["", "value"], facts)))
+    title, about = f"Watching {place.resolve().name}", f"stickslip {__version__}, {live}"
+    text = page.page(title, about, sections, reload=RELOAD if done.live else None)
+    with staged_file(path) as part:
+        part.write_bytes(text.encode())
 
 
 def _newest(row: Row, done: Progress) -> str:
@@ -304,8 +299,17 @@ class _Live:
         self._draw()
 
     def _draw(self) -> None:
-        text = ": ".join(filter(None, [_state(self.done), self.stage]))
-        self.live.update(Group(_table(self.done), Text(text, style="dim", no_wrap=True, overflow="ellipsis")))
+        done = self.done
+        computed = sum(row.computed for row in done.rows.values())
+        parts = [f"{computed} frame{'s' * (computed != 1)}"]
+        if done.at is not None:
+            parts.append(f"computing step {done.at}")
+        elif done.live and not done.left:
+            parts.append("waiting for the next one")
+        if (older := done.left - (done.at is not None)) > 0:
+            parts.append(f"{older} more to compute")
+        text = ": ".join(filter(None, [", ".join(parts), self.stage]))
+        self.live.update(Group(_table(done), Text(text, style="dim", no_wrap=True, overflow="ellipsis")))
 
 
 def _table(done: Progress) -> Table:
@@ -317,20 +321,6 @@ def _table(done: Progress) -> Table:
         *numbers, word = _words(row)
         table.add_row(*numbers, Text(word, style=COLORS.get(word, "dim")))
     return table
-
-
-def _state(done: Progress) -> str:
-    """Current activity in a few words."""
-    computed = sum(row.computed for row in done.rows.values())
-    parts = [f"{computed} frame{'s' * (computed != 1)}"]
-    if done.at is not None:
-        parts.append(f"computing step {done.at}")
-    elif done.live and not done.left:
-        parts.append("waiting for the next one")
-    older = done.left - (done.at is not None)
-    if older > 0:
-        parts.append(f"{older} more to compute")
-    return ", ".join(parts)
 
 
 class _Lines:

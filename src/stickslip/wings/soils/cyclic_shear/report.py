@@ -148,15 +148,17 @@ def in_band(scenario: CyclicShearScenario, table: dict[str, np.ndarray]) -> np.n
 
 def sentences(result: CyclicShearResult) -> list[str]:
     """Remarks on the numbers: kinds of cycles, residual, band of sands, and finer steps."""
-    return [*_kinds(result), *_missing(result), *_band(result), *_finer(result)]
-
-
-def _kinds(result: CyclicShearResult) -> list[str]:
     kinds = ", ".join(f"{response.amplitude:g} {kind_of(response)}" for response in result.runs[0].responses)
-    return [
+    cycles = (
         f"Cycles of sample {result.runs[0].seed}: {kinds}. Grains return if their rms displacement is below "
         f"{RETURNED:g} γ₀ D; cycles that return are elastic if the damping ratio is below {ELASTIC:g}."
-    ]
+    )
+    inside = np.concatenate([in_band(result.scenario, last_cycles(run)) for run in result.runs], axis=1)
+    ratio, d = (f"{np.nansum(row):.0f} of {len(row)}" for row in inside)
+    sands = f"G/Gmax lies in the band of sands at {ratio} amplitudes, the damping ratio at {d}."
+    if not np.isfinite(inside).all():
+        sands = "Curves of sands are for spheres in SI units."
+    return [cycles, *_missing(result), sands, *_finer(result)]
 
 
 def _missing(result: CyclicShearResult) -> list[str]:
@@ -171,14 +173,6 @@ def _missing(result: CyclicShearResult) -> list[str]:
             f"there, as in samples that barely support their pressure; use smaller amplitudes, or less sample.friction."
         )
     return out
-
-
-def _band(result: CyclicShearResult) -> list[str]:
-    inside = np.concatenate([in_band(result.scenario, last_cycles(run)) for run in result.runs], axis=1)
-    if not np.isfinite(inside).all():
-        return ["Curves of sands are for spheres in SI units."]
-    ratio, d = (f"{int(row.sum())} of {len(row)}" for row in inside)
-    return [f"G/Gmax lies in the band of sands at {ratio} amplitudes, the damping ratio at {d}."]
 
 
 def _finer(result: CyclicShearResult) -> list[str]:

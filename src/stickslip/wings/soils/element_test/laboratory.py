@@ -63,7 +63,10 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
             f"{path} has {pluralize(len(next(iter(values.values()))), 'row')} of numbers: give at least {LEAST}"
         )
     _check_strains(table, values)
-    values = _in_order(path, values)
+    axial = np.abs(next((values[name] for name in WANTED.columns[:2] if name in values), np.zeros(1)))
+    if axial[-1] < NEAR_START * axial[0] and not axial[0] < axial.max():
+        warnings.warn(f"{path}: rows begin with the largest axial strain: their order was reversed", stacklevel=2)
+        values = {name: column[::-1] for name, column in values.items()}
     out = {name: values[name] for name in ("q", "p", "axial_stress", "void_ratio") if name in values}
     for name in ("axial_strain", "volumetric_strain"):
         if f"log_{name}" in values:
@@ -99,15 +102,6 @@ def _check_strains(table: laboratory_table.LaboratoryTable, values: dict[str, np
             f"{table.path}: strains without a unit are read as fractions, {told}: add [%] to the headings if they are "
             f"in per cent", stacklevel=3,
         )  # fmt: skip
-
-
-def _in_order(path: Path, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Values in the order of the test, with a warning if the table is in reverse order."""
-    axial = np.abs(next((values[name] for name in WANTED.columns[:2] if name in values), np.zeros(1)))
-    if not axial[-1] < NEAR_START * axial[0] or axial[0] < axial.max():
-        return values
-    warnings.warn(f"{path}: rows begin with the largest axial strain: their order was reversed", stacklevel=3)
-    return {name: column[::-1] for name, column in values.items()}
 
 
 def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.ndarray], out: dict) -> None:
@@ -208,7 +202,8 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
         what = "disks" if scenario.sample.dim == 2 else "simple shear" if kind == "simple-shear" else "these units"
         raise ValueError(f"--compare does not apply to {what}: it draws tests of spheres along an axis in SI units")
     test = read_test(path)
-    pairs = [pair for pair in pairs_of(kind) if set(_named(pair, test)) <= set(test)]
+    known = {"sigma_zz" if name == "axial_stress" else name for name in test}
+    pairs = [pair for pair in pairs_of(kind) if set(pair) <= known]
     if not pairs:
         wanted = " or ".join(f"{y} with {x}" for x, y in pairs_of(kind))
         raise ValueError(f"{path} has columns for {', '.join(test)}: a {kind} test shows {wanted}; add columns")
@@ -234,10 +229,6 @@ def pairs_of(kind: str) -> list[tuple[str, str]]:
     drained = "pore_pressure" if kind == "undrained" else "volumetric_strain"
     last = ("p", "q") if kind == "undrained" else ("p", "void_ratio")
     return [("axial_strain", "q"), ("axial_strain", drained), last]
-
-
-def _named(pair: tuple[str, str], test: dict) -> list[str]:
-    return ["axial_stress" if name == "sigma_zz" else name for name in pair]
 
 
 def _compared(

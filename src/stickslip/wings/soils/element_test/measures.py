@@ -602,10 +602,6 @@ def _growth(kind: str, words: str, k: int, held: str) -> Quantity:
                     lambda p: float(getattr(p.state, "pair" if kind == "pair" else "real")[k]))  # fmt: skip
 
 
-def _sign(name: str) -> Quantity:
-    return Quantity(name, "1", f"1 if {SIGNS[name]}", lambda p: int(p.state.signs[name]))
-
-
 PROBE = Quantities([
     Quantity("strain", "1", "imposed strain"),
     Quantity("phi", "degrees", "mobilised angle of friction"),
@@ -617,5 +613,6 @@ PROBE = Quantities([
       for k, held in enumerate(("strain", "stress"))),
     Quantity("uniqueness", "1", "whether the contact status is unique under all stresses",
              lambda p: p.state.unique.lower()),
-    *map(_sign, SIGNS),
+    *(Quantity(name, "1", f"1 if {words}", lambda p, name=name: int(p.state.signs[name]))
+      for name, words in SIGNS.items()),
 ])  # fmt: skip

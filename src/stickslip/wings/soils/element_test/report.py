@@ -26,7 +26,7 @@ from ....kit import (
 )
 from . import figures as figures_of
 from .measures import MEASURES, PROBE, SAMPLE, SERIES, STEADY, STRESS, LoadedSample, Probed
-from .sample import SIGNS, ProbedState, describe_direction, directions_seen, first_seen, has_failed, plane_of
+from .sample import SIGNS, describe_direction, directions_seen, first_seen, has_failed, plane_of
 from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 
@@ -72,28 +72,16 @@ def figures(result: ElementTestResult):
     yield "fig5_grading.png", figures_of.grading(curve, diameters, scenario.sample.dim)
     if probed := [each for each in result.runs[0].probes if each.envelope is not None]:
         first = {name: scenario.strain_sign * each.load for name, each in first_seen(tuple(probed)).items() if each}
-        yield (
-            "fig6_directions.png",
-            figures_of.failure_directions(
-                probed,
-                tables[0],
-                (strain, scenario.strain_sign),
-                first,
-                plane_of(scenario.path, scenario.sample.dim)[1],
-            ),
-        )
-        yield "fig7_envelopes.png", _envelopes(probed, scenario)
+        plane, drawn_strain = plane_of(scenario.path, scenario.sample.dim)[1], (strain, scenario.strain_sign)
+        figure = figures_of.failure_directions(probed, tables[0], drawn_strain, first, plane)
+        yield "fig6_directions.png", figure
+        seen = directions_seen(tuple(probed))  # envelopes of a few states, up to the first in which a direction fails
+        until = probed[: probed.index(seen) + 1] if seen else probed
+        some = [until[k] for k in np.unique(np.linspace(0, len(until) - 1, DRAWN).round().astype(int))]
+        labels = [f"ε = {scenario.strain_sign * each.load:.3g}" for each in some]
+        yield "fig7_envelopes.png", response_envelopes([each.envelope for each in some], labels, plane)
     if scenario.cement:
         yield "fig9_broken_bonds.png", figures_of.broken_bonds(tables, strain, unit)
-
-
-def _envelopes(probed: list[ProbedState], scenario: ElementTestScenario):
-    """Envelopes of a few states, up to the first in which a direction fails."""
-    seen = directions_seen(tuple(probed))
-    until = probed[: probed.index(seen) + 1] if seen else probed
-    some = [until[k] for k in np.unique(np.linspace(0, len(until) - 1, DRAWN).round().astype(int))]
-    labels = [f"ε = {scenario.strain_sign * each.load:.3g}" for each in some]
-    return response_envelopes([each.envelope for each in some], labels, plane_of(scenario.path, scenario.sample.dim)[1])
 
 
 def files(result: ElementTestResult):
@@ -486,19 +474,32 @@ def compare(members: list[SweepMember]) -> Comparison:
     if not members:
         return Comparison()
     pressure, cemented = swept[0], swept[0] == PRESSURES[0]
-    keys = _other_keys(members, pressure, *(("path.strain", "path.step") if cemented else ()))
+    without = (pressure, SEED, *(("path.strain", "path.step") if cemented else ()))
+    pairs = {
+        key: {(member.values[pressure], str(member.values[key])) for member in members}
+        for key in members[0].values if key not in without
+    }  # fmt: skip
+    pressures = len({member.values[pressure] for member in members})
+    keys = [key for key, values in pairs.items() if len(values) > pressures]  # with several values at one pressure
     groups: dict[str, list[SweepMember]] = {}
     for member in members:
-        name = ", ".join(f"{key} = {_short(member.values[key])}" for key in keys)
+        values = ((key, member.values[key]) for key in keys)
+        name = ", ".join(
+            f"{key} = {value:.6g}" if isinstance(value, float) else f"{key} = {value}" for key, value in values
+        )
         groups.setdefault(name, []).append(member)
     unit = members[0].measures["sigma1_peak"][1]
     factor, shown = (1e-3, "kPa") if unit == "Pa" else (1.0, unit)
     circles, ends, remarks = [], [], []
     for name, group in groups.items():
         late = _circles(name, group, "critical") or _circles(name, group, "end")
-        some = [each for each in (_circles(name, group, "peak"), late) if each]
-        circles += some
-        remarks += [_describe_circles(each, factor, shown) for each in some]
+        for each in filter(None, (_circles(name, group, "peak"), late)):
+            circles.append(each)
+            fitted = int(_in_compression(each.sigma1, each.sigma3).sum())
+            remarks.append(
+                f"Mohr circles {STATES[each.state]}{f' ({each.group})' * bool(each.group)}: "
+                f"{each.envelope.describe(factor, shown)}, from {fitted} of {each.members} members."
+            )
         if cemented:
             remarks += _describe_strengths(name, group, factor, shown)
         else:
@@ -511,14 +512,6 @@ def compare(members: list[SweepMember]) -> Comparison:
     if any(len(each.p) for each in ends[:ROWS]):
         files[LINES] = figures_of.critical_state(ends[:ROWS], shown)
     return Comparison(files, tuple(remarks))
-
-
-def _describe_circles(circles: Circles, factor: float, unit: str) -> str:
-    fitted = int(_in_compression(circles.sigma1, circles.sigma3).sum())
-    return (
-        f"Mohr circles {STATES[circles.state]}{f' ({circles.group})' * bool(circles.group)}: "
-        f"{circles.envelope.describe(factor, unit)}, from {fitted} of {circles.members} members."
-    )
 
 
 def _describe_strengths(name: str, group: list[SweepMember], factor: float, unit: str) -> list[str]:
@@ -547,18 +540,6 @@ def _describe_ends(ends: Ends, group: list[SweepMember], unit: str) -> str:
         f"Critical-state line{where}: {ends.line.describe(unit)}, φ_cs = {with_error(angle.mean, error, '°')} without "
         f"cohesion, from {count}."
     )
-
-
-def _short(value) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _other_keys(members: list[SweepMember], pressure: str, *without: str) -> list[str]:
-    """Swept keys with several values at the same pressure."""
-    keys = [key for key in members[0].values if key not in (pressure, SEED, *without)]
-    pairs = {key: {(member.values[pressure], str(member.values[key])) for member in members} for key in keys}
-    pressures = len({member.values[pressure] for member in members})
-    return [key for key in keys if len(pairs[key]) > pressures]
 
 
 def _column(group: list[SweepMember], name: str) -> np.ndarray:

@@ -40,7 +40,7 @@ from ....laws import parallel_bond
 from ....measure import stress
 from ....packings import bonded, compressed
 from ....protocols import Envelope, localisation, response_envelope
-from ....results import Factorisation, Localisation, PackingInfo, Stability
+from ....results import Factorisation, Localisation, PackingInfo
 from ...status.complementarity import complementarity
 from ...status.matrices import linear_system
 from ...status.uniqueness import UniquenessVerdict, certificate
@@ -318,18 +318,14 @@ def probe(state: State, law: Law, load: float, plane: np.ndarray, directions: in
     pair, real = unknown, unknown
     if len(state.grains.radius) * (3 if dim == 2 else 6) <= SPECTRA_UP_TO:
         spectra = [stability(each, law, dashpots=False, method="fastest") for each in (state, loose)]
-        pair, real = np.array([_growth_rates(each) for each in spectra]).T
+        pair = np.array([each.growth_rate.max(initial=0.0) for each in spectra])
+        real = np.array([np.sqrt(-each.negative).max(initial=0.0) for each in spectra])
     return ProbedState(load, sigma, envelope, band, _uniqueness(loose, law), pair, real)
 
 
 def without_answer(load: float, sigma: np.ndarray, reason: str) -> ProbedState:
     """State that has no equilibrium, or whose equilibrium cannot be probed."""
     return ProbedState(load, sigma, None, None, "UNDECIDED", np.full(2, np.nan), np.full(2, np.nan), reason)
-
-
-def _growth_rates(spectrum: Stability) -> tuple[float, float]:
-    """Growth rates of the fastest complex pair and of the fastest real mode; zero without one."""
-    return float(spectrum.growth_rate.max(initial=0.0)), float(np.sqrt(-spectrum.negative).max(initial=0.0))
 
 
 def _uniqueness(loose: State, law: Law) -> str:

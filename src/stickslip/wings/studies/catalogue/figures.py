@@ -57,7 +57,18 @@ def eigenvalue_before_events(events: _Table):
     slide, it is negative (points at the right).
     """
     figure, (top, bottom) = column_axes(2, 4.4)
-    _saddle_nodes(top, events)
+    distance, ratio, _ = _ratios(events, "saddle_node")
+    for x, y in zip(distance[:LINES], ratio[:LINES], strict=True):
+        above = y > 0
+        top.loglog(x[above], y[above] ** 2, color=BLUE, lw=0.5, alpha=0.35)
+    if len(distance):
+        x = np.nanmedian(distance, axis=0)
+        top.loglog(x, np.nanmedian(np.clip(ratio, 0, None), axis=0) ** 2, "o-", color=BLACK, ms=3, label="median")
+        top.loglog(x, x / x[0], "--", color=ORANGE, label=r"$\propto \gamma_c - \gamma$")
+        top.invert_xaxis()
+        top.legend(loc="lower left")
+    label_axes(top, x=BEFORE, y=r"$(\lambda/\lambda_{\rm far})^2$")
+    top.set_title(f"real eigenvalue reaches zero: {_events(len(distance))}")
     _sliding_contacts(bottom, events)
     return figure
 
@@ -69,21 +80,6 @@ def _ratios(events, kind: str):
     far = softest[:, :1] if softest.shape[1] else np.full((len(softest), 1), np.nan)
     good = (np.isfinite(far) & (far > 0))[:, 0]
     return distance[good], softest[good] / far[good], events["switched"][rows][good] / far[good, 0]
-
-
-def _saddle_nodes(axes, events) -> None:
-    distance, ratio, _ = _ratios(events, "saddle_node")
-    for x, y in zip(distance[:LINES], ratio[:LINES], strict=True):
-        above = y > 0
-        axes.loglog(x[above], y[above] ** 2, color=BLUE, lw=0.5, alpha=0.35)
-    if len(distance):
-        x = np.nanmedian(distance, axis=0)
-        axes.loglog(x, np.nanmedian(np.clip(ratio, 0, None), axis=0) ** 2, "o-", color=BLACK, ms=3, label="median")
-        axes.loglog(x, x / x[0], "--", color=ORANGE, label=r"$\propto \gamma_c - \gamma$")
-        axes.invert_xaxis()
-        axes.legend(loc="lower left")
-    label_axes(axes, x=BEFORE, y=r"$(\lambda/\lambda_{\rm far})^2$")
-    axes.set_title(f"real eigenvalue reaches zero: {_events(len(distance))}")
 
 
 def _sliding_contacts(axes, events) -> None:
@@ -189,7 +185,9 @@ def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tup
             (label, color), roc = PREDICTORS[skill.predictor], skill.roc
             x = np.linspace(0, 1, skill.band.shape[1])
             axes.fill_between(x, *skill.band, color=color, alpha=0.15, lw=0)
-            axes.plot(roc.false_alarms, roc.hits, color=color, label=f"{label} {_area(skill)}", clip_on=False)
+            interval = f" ({skill.low:.2f}–{skill.high:.2f})" if np.isfinite(skill.low) else ""
+            words = f"{label} {roc.area:.2f}{interval}"
+            axes.plot(roc.false_alarms, roc.hits, color=color, label=words, clip_on=False)
         axes.plot([0, 1], [0, 1], ":", color=BLACK, lw=0.7)
         axes.set(xlim=(0, 1), ylim=(0, 1))
         label_axes(axes, x="fraction of false alarms", y="fraction of announced events")
@@ -198,8 +196,3 @@ def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tup
     for axes in grid.flat[len(panels) :]:
         axes.axis("off")
     return figure
-
-
-def _area(skill) -> str:
-    interval = f" ({skill.low:.2f}–{skill.high:.2f})" if np.isfinite(skill.low) else ""
-    return f"{skill.roc.area:.2f}{interval}"

@@ -7,7 +7,7 @@ characteristics with intervals.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -64,7 +64,11 @@ def event_table(samples) -> Table:
         elif name in ("opened", "closed"):
             out[name] = np.array(values, int)
         elif name in ("distances", "softest", "re_pair", "growth"):
-            out[name] = _stack_by_distance(values, places)
+            # one column for each distance; NaN without a value
+            table = np.full((len(values), 1 + max((int(k.max()) for k in places if len(k)), default=-1)), np.nan)
+            for row, value, k in zip(table, values, places, strict=True):
+                row[k] = value
+            out[name] = table
         else:
             out[name] = np.array(values, float)
     return Fields(out, Event)
@@ -82,14 +86,6 @@ def step_table(samples) -> Table:
 def _places(distances: np.ndarray, step: float) -> np.ndarray:
     """Return the exponent k of each distance step · 8^(−k)."""
     return np.round(np.log(step / distances) / np.log(EVENT_RATIO)).astype(int)
-
-
-def _stack_by_distance(values: list, places: list) -> np.ndarray:
-    """Stack the values of several events so that each column belongs to one distance; NaN without a value."""
-    out = np.full((len(values), 1 + max((int(k.max()) for k in places if len(k)), default=-1)), np.nan)
-    for row, value, k in zip(out, values, places, strict=True):
-        row[k] = value
-    return out
 
 
 def write_table(path: Path, table: Table, digits: int = 8) -> None:
@@ -290,19 +286,14 @@ def label_steps(steps: Table, events: Table, window: float) -> tuple[np.ndarray,
     """Return masks of the steps that an event follows within a window of strain, and of those where this is known."""
     followed, known = np.zeros(len(steps["strain"]), bool), np.zeros(len(steps["strain"]), bool)
     reach = window * (1 + 1e-9)
-    for rows, at in _by_sample(steps, events):
+    for packing in np.unique(steps["sample"]):
+        rows, at = np.flatnonzero(steps["sample"] == packing), np.sort(events["strain"][events["sample"] == packing])
         strain = steps["strain"][rows]
         following = np.append(at, np.inf)[np.searchsorted(at, strain, side="right")]
         followed[rows] = following - strain <= reach
         end = max(strain[-1], at[-1] if len(at) else -np.inf)
         known[rows] = followed[rows] | (strain + window <= end + 1e-9 * window)
     return followed, known
-
-
-def _by_sample(steps: Table, events: Table) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the rows of the steps of each packing, and the sorted strains of its events."""
-    for packing in np.unique(steps["sample"]):
-        yield np.flatnonzero(steps["sample"] == packing), np.sort(events["strain"][events["sample"] == packing])
 
 
 KINDS = tuple(kind.name.lower() for kind in EventKind)

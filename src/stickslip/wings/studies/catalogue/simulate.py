@@ -1,5 +1,6 @@
 """Simulation of an event catalogue: packings are sheared one after another until enough events are found."""
 
+from itertools import accumulate
 from math import ceil
 from pathlib import Path
 from typing import NamedTuple
@@ -76,8 +77,11 @@ def simulate_catalogue(
     results: list[Sample | None] = []
     sentences: list[str | None] = []
     while len(results) < scenario.packings and (count := _count(results)) < scenario.events:
-        size = _batch_size(scenario, len(results), count, slots)
-        seeds = [scenario.seed + k for k in range(len(results), len(results) + size)]
+        done, size = len(results), 1
+        if slots > 1:  # all slots, or a multiple up to half of the number of packings that are expected to be needed
+            needed = ceil((scenario.events - count) * done / count) if count else done
+            size = min(max(slots, needed // 2 // slots * slots), scenario.packings - done)
+        seeds = [scenario.seed + k for k in range(done, done + size)]
         tasks = [Task(f"packing {seed}", (scenario, seed), f"packing-{seed}", kept) for seed in seeds]
         batch = run_realizations(
             shear_sample,
@@ -89,7 +93,8 @@ def simulate_catalogue(
         )
         results += batch.results
         sentences += batch.sentences
-    used = _sufficient(results, scenario.events)
+    totals = accumulate(0 if sample is None else len(sample.found.events) for sample in results)
+    used = 1 + sum(total < scenario.events for total in totals)  # packings up to the one that completes the number
     samples = tuple(sample for sample in results[:used] if sample is not None)
     failures = tuple(failure for failure in sentences[:used] if failure)
     if not samples:
@@ -117,24 +122,6 @@ def shear_sample(scenario: CatalogueScenario, seed: int, report: Report) -> Samp
 
 def _count(results) -> int:
     return sum(len(sample.found.events) for sample in results if sample is not None)
-
-
-def _batch_size(scenario: CatalogueScenario, done: int, events: int, slots: int) -> int:
-    """Return the number of packings to run next: all slots, or a multiple up to half of the expected number."""
-    if slots == 1:
-        return 1
-    needed = ceil((scenario.events - events) * done / events) if events else done
-    return min(max(slots, needed // 2 // slots * slots), scenario.packings - done)
-
-
-def _sufficient(results, wanted: int) -> int:
-    """Return the number of packings, counted from the first, that contain the required number of events."""
-    total = 0
-    for k, sample in enumerate(results):
-        total += len(sample.found.events) if sample is not None else 0
-        if total >= wanted:
-            return k + 1
-    return len(results)
 
 
 def _describe(member: Member, before: int, wanted: int) -> str:

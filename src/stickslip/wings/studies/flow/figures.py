@@ -170,7 +170,12 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
     if sheared:
         _plot_plates(panels[3], panels[4], series, plates)
     else:
-        _plot_extent(panels[3], series)
+        # the centre of mass, and the coordinate below which 99 % of the grains lie
+        for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
+            panels[3].plot(time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
+            panels[3].plot(time, series.high[:, k], color=color, ls="--", label=end)
+        label_axes(panels[3], y=("position\n", "length"))
+        legend_above(panels[3])
     for axes in panels:
         for stage in result.stages[1:]:
             axes.axvline(stage.start, color="0.6", lw=0.6, ls=":")
@@ -196,15 +201,6 @@ def _plot_contacts(axes, series) -> None:
     label_axes(other, y="sliding fraction")
     other.yaxis.label.set_color(ORANGE)
     other.set_ylim(0, float(np.clip(1.8 * np.quantile(series.sliding_fraction, 0.98), 0.05, 1.05)))
-
-
-def _plot_extent(axes, series) -> None:
-    """Plot the centre of mass, and the coordinate below which 99 % of the grains lie, along x and y."""
-    for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
-        axes.plot(series.time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
-        axes.plot(series.time, series.high[:, k], color=color, ls="--", label=end)
-    label_axes(axes, y=("position\n", "length"))
-    legend_above(axes)
 
 
 def _plot_plates(top, bottom, series, names) -> None:

@@ -67,7 +67,10 @@ def poured(scenario: FlowScenario) -> Poured:
     """
     chosen, dim = scenario.grains, scenario.grains.dim
     rng = np.random.default_rng(scenario.seed)
-    radius = _draw_radii(scenario, rng)
+    given = np.atleast_1d(np.asarray(chosen.radius, float))
+    radius = given[np.arange(chosen.number) * len(given) // chosen.number]
+    spread = rng.uniform(-chosen.polydispersity, chosen.polydispersity, chosen.number)
+    radius = rng.permutation(radius * (1 + spread))
     position = _place_grains(scenario, radius, rng)
     places, sizes, plates = [position], [radius], {}
     for plate in scenario.plates:
@@ -77,7 +80,10 @@ def poured(scenario: FlowScenario) -> Poured:
         places.append(row)
         sizes.append(np.full(len(row), size))
     all_sizes = np.concatenate(sizes)
-    mass = _grain_masses(scenario, all_sizes)
+    if chosen.mass is not None:
+        mass = np.full(len(all_sizes), chosen.mass)
+    else:
+        mass = chosen.density * (np.pi * all_sizes**2 if dim == 2 else 4 / 3 * np.pi * all_sizes**3)
     for plate in scenario.plates:
         if plate.mass is not None:
             mass[plates[plate.name]] = plate.mass / len(plates[plate.name])
@@ -140,22 +146,6 @@ def _make_walls(scenario: FlowScenario):
     normals = np.array([w.normal for w in scenario.walls])
     normals /= np.abs(normals).max(axis=1, keepdims=True)  # keeps squares finite for any length
     return flat_walls([w.point for w in scenario.walls], normals, mass=mass, material=material)
-
-
-def _draw_radii(scenario: FlowScenario, rng) -> np.ndarray:
-    """Draw the radii of all grains, in random order."""
-    chosen = scenario.grains
-    sizes = np.atleast_1d(np.asarray(chosen.radius, float))
-    radius = sizes[np.arange(chosen.number) * len(sizes) // chosen.number]
-    spread = rng.uniform(-chosen.polydispersity, chosen.polydispersity, chosen.number)
-    return rng.permutation(radius * (1 + spread))
-
-
-def _grain_masses(scenario: FlowScenario, radius) -> np.ndarray:
-    chosen = scenario.grains
-    if chosen.mass is not None:
-        return np.full(len(radius), chosen.mass)
-    return chosen.density * (np.pi * radius**2 if chosen.dim == 2 else 4 / 3 * np.pi * radius**3)
 
 
 def _place_grains(scenario: FlowScenario, radius, rng) -> np.ndarray:
@@ -277,7 +267,13 @@ def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: f
     gravities = [g for g in (scenario.gravity, *(s.gravity for s in scenario.stages)) if g is not None]
     g = max((float(np.linalg.norm(v)) for v in gravities), default=0.0)
     height = float(np.linalg.norm(np.subtract(scenario.grains.high, scenario.grains.low)))
-    speed = float(np.sqrt(2 * g * height)) + _largest_velocity(scenario)
+    motions = [body.velocity for body in (*scenario.walls, *scenario.plates)]
+    motions += [motion for stage in scenario.stages for motion in stage.velocity.values()]
+    fastest = 0.0
+    for course in (course for motion in motions for course in motion.prescribed.values()):
+        values = [v for _, v in course] if isinstance(course, tuple) else [course]
+        fastest = max(fastest, *(abs(v.amplitude if isinstance(v, Shaking) else v) for v in values))
+    speed = float(np.sqrt(2 * g * height)) + fastest
     pushes = [abs(p) for p in (initial_plate_force(plate, scenario) for plate in scenario.plates) if p is not None]
     pushes += [abs(w.force) for w in scenario.walls if w.force is not None]
     pushes += [abs(f) for stage in scenario.stages for f in stage.force.values()]
@@ -291,18 +287,6 @@ def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: f
         force, stored = evaluate(law, "force", "energy", overlap=middle, r_eff=r_eff)
         low, high = (middle, high) if stored < energy or force < static else (low, middle)
     return max(high, 1e-12 * r_eff)
-
-
-def _largest_velocity(scenario: FlowScenario) -> float:
-    """Return the largest prescribed velocity along an axis."""
-    motions = [body.velocity for body in (*scenario.walls, *scenario.plates)]
-    motions += [motion for stage in scenario.stages for motion in stage.velocity.values()]
-    most = 0.0
-    for motion in motions:
-        for course in motion.prescribed.values():
-            values = [v for _, v in course] if isinstance(course, tuple) else [course]
-            most = max(most, *(abs(v.amplitude if isinstance(v, Shaking) else v) for v in values))
-    return most
 
 
 def lammps_of(scenario: FlowScenario, start: Poured, folder: Path | None) -> Engine:
@@ -377,51 +361,38 @@ class StageConditions(NamedTuple):
 
 def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
     """Return the conditions of the last stage that has started, or the initial ones, given all start times so far."""
-    conditions = StageConditions(
-        tuple(wall.name for wall in scenario.walls), _initial_motion(scenario),
-        scenario.gravity or (0.0,) * scenario.grains.dim, scenario.drag,
-    )  # fmt: skip
-    for stage, begin in zip(scenario.stages, begins, strict=False):
-        conditions = StageConditions(
-            tuple(name for name in conditions.walls if name not in stage.remove),
-            _update_motion(conditions.motion, stage, scenario, begin),
-            stage.gravity or conditions.gravity,
-            conditions.drag if stage.drag is None else stage.drag,
-        )
-    return conditions
-
-
-def _initial_motion(scenario: FlowScenario) -> dict:
-    """Return the initial motion of each body as in `StageConditions`; bodies are fixed along other axes."""
-    motion = {}
-    for body in (*scenario.walls, *scenario.plates):
-        motion[body.name] = {axis: ("velocity", course, 0.0) for axis, course in body.velocity.prescribed.items()}
+    bodies = {body.name: body for body in (*scenario.walls, *scenario.plates)}
+    motion: dict[str, dict] = {}  # bodies are fixed along other axes
+    for name, body in bodies.items():
+        motion[name] = {axis: ("velocity", course, 0.0) for axis, course in body.velocity.prescribed.items()}
     for plate in scenario.plates:
         if (push := initial_plate_force(plate, scenario)) is not None:
             motion[plate.name]["y"] = ("force", push)
     for wall in scenario.walls:
         if wall.force is not None:
             motion[wall.name][force_axis(wall)] = ("force", wall.force * _normal_sign(wall))
-    return motion
+    conditions = StageConditions(
+        tuple(wall.name for wall in scenario.walls), motion, scenario.gravity or (0.0,) * scenario.grains.dim,
+        scenario.drag,
+    )  # fmt: skip
+    for stage, begin in zip(scenario.stages, begins, strict=False):
+        motion = {name: dict(axes) for name, axes in motion.items()}
+        for name, moves in stage.velocity.items():
+            motion[name] |= {axis: ("velocity", course, begin) for axis, course in moves.prescribed.items()}
+        for name, size in stage.force.items():
+            body = bodies[name]
+            sign = inward_sign(body, scenario) if isinstance(body, Plate) else _normal_sign(body)
+            motion[name][force_axis(body)] = ("force", sign * size)
+        conditions = StageConditions(
+            tuple(name for name in conditions.walls if name not in stage.remove), motion,
+            stage.gravity or conditions.gravity, conditions.drag if stage.drag is None else stage.drag,
+        )  # fmt: skip
+    return conditions
 
 
 def _normal_sign(wall) -> float:
     """Return the sign of a wall's normal along its axis."""
     return float(np.sign(sum(wall.normal)))
-
-
-def _update_motion(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> dict:
-    """Return the motion of each body from the start of a stage onwards."""
-    bodies = {body.name: body for body in (*scenario.walls, *scenario.plates)}
-    plates = {plate.name for plate in scenario.plates}
-    motion = {name: dict(axes) for name, axes in motion.items()}
-    for name, moves in stage.velocity.items():
-        motion[name] |= {axis: ("velocity", course, now) for axis, course in moves.prescribed.items()}
-    for name, size in stage.force.items():
-        body = bodies[name]
-        sign = inward_sign(body, scenario) if name in plates else _normal_sign(body)
-        motion[name][force_axis(body)] = ("force", sign * size)
-    return motion
 
 
 def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray, np.ndarray]:
@@ -476,22 +447,14 @@ def stage_leg(
     before = round((state.time - begin) / start.dt)
     steps = round((begin + stage.duration - state.time) / start.dt)
     walls = tuple(start.walls.index(name) for name in conditions.walls)
-    return Leg(
-        state, start.law, start.dt, steps, sample_count(stage, scenario) - done, conditions.drag, before=(done, before),
-        walls=walls, waves=_waves(state, start, conditions), number=number, ranks=scenario.ranks,
-    )  # fmt: skip
-
-
-def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int, Wave]:
-    """Return the sinusoidal velocities, which LAMMPS evaluates as formulas, by their column in the control."""
-    waves, n = {}, len(state.grains.radius)
-    for name, axes in conditions.motion.items():
-        if name not in (*conditions.walls, *start.plates):
-            continue
+    waves, n = {}, len(state.grains.radius)  # sinusoidal velocities, which LAMMPS evaluates as formulas
+    for name in (*conditions.walls, *start.plates):
         row = start.plates[name][0] if name in start.plates else n + conditions.walls.index(name)
-        for axis, way in axes.items():
-            if way[0] == "velocity" and isinstance(way[1], Shaking):
-                shaking = way[1]
+        for axis, way in conditions.motion[name].items():
+            if way[0] == "velocity" and isinstance(shaking := way[1], Shaking):
                 column = int(state.control.follows[row, AXES.index(axis)])
                 waves[column] = Wave(shaking.amplitude, shaking.frequency, shaking.phase, way[2])
-    return waves
+    return Leg(
+        state, start.law, start.dt, steps, sample_count(stage, scenario) - done, conditions.drag, before=(done, before),
+        walls=walls, waves=waves, number=number, ranks=scenario.ranks,
+    )  # fmt: skip

@@ -18,7 +18,6 @@ from .... import FROZEN, SLIDE, Law, State, forces
 from ....kit import (
     ArchiveError,
     Bodies,
-    Checkpoint,
     Engine,
     Fields,
     Measures,
@@ -55,7 +54,7 @@ from ....measure import (
 from ....packings import without_walls
 from . import EXPERIMENT
 from .pouring import Poured, lammps_of, poured, sample_count, stage_conditions, stage_leg, with_controls
-from .scenario import FlowScenario, Stage
+from .scenario import FlowScenario
 
 BINS = 24  # number of bins of the profile along y
 SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
@@ -142,7 +141,11 @@ def simulate_flow(
     """
     start, checkpoint = poured(scenario), checkpoint_in(folder, scenario, Piece, StageEnd)
     chosen = find_engine(scenario, start, folder, threads)
-    pieces = _load_pieces(checkpoint) if checkpoint else []
+    names = checkpoint.names if checkpoint else []
+    for k, name in enumerate(names):
+        if name != f"{k:06d}":
+            raise ArchiveError(f"piece {k:06d} is missing from {checkpoint.folder}: start again with --overwrite")
+    pieces = [checkpoint.load(name, Piece) for name in names]
 
     def keep(piece):
         if checkpoint:
@@ -161,14 +164,6 @@ def simulate_flow(
     )  # fmt: skip
 
 
-def _load_pieces(checkpoint: Checkpoint) -> list[Piece]:
-    """Load the saved pieces of a run; raise ArchiveError if one is missing."""
-    for k, name in enumerate(checkpoint.names):
-        if name != f"{k:06d}":
-            raise ArchiveError(f"piece {k:06d} is missing from {checkpoint.folder}: start again with --overwrite")
-    return [checkpoint.load(name, Piece) for name in checkpoint.names]
-
-
 def _run_stage(
     scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, engine: Engine, report: Report
 ) -> None:
@@ -182,7 +177,11 @@ def _run_stage(
     with closing(engine.pieces(leg)) as states:
         for k, (state, _) in enumerate(states, start=done):
             rows.append(_measure(state, start, conditions.walls, number, edges))
-            summary, rests = _describe_row(rows[-1]), stage.until == "rest" and _is_at_rest(rows[-1], stage)
+            row = rows[-1]
+            calm = (
+                row["unbalanced"] < stage.unbalanced and row["kinetic_energy"] < stage.kinetic * row["elastic_energy"]
+            )
+            summary, rests = _describe_row(row), stage.until == "rest" and calm
             over = (rests and engine.stops) or k + 1 == count
             frame = over or (total + k + 1 - done) % every == 0
             if frame or time.monotonic() - saved > SAVE_EVERY:
@@ -266,10 +265,6 @@ def _measure(state: State, start: Poured, walls: tuple[str, ...], number: int, e
         "profile_count": count,
         "profile_velocity": np.where(count[:, None] > 0, sums / np.maximum(count, 1)[:, None], np.nan),
     }
-
-
-def _is_at_rest(row: dict, stage: Stage) -> bool:
-    return row["unbalanced"] < stage.unbalanced and row["kinetic_energy"] < stage.kinetic * row["elastic_energy"]
 
 
 def _describe_row(row: dict) -> str:

@@ -6,7 +6,7 @@ For every sample, the load is the macroscopic friction, shear force over normal 
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ....kit import Listed, NotNegative, PackingLaw, Positive, ScenarioBase, ScenarioTable, Seed, Size
 from ...papers.disk_array.scenario import Array, DiskArrayScenario, Relaxation
@@ -25,10 +25,13 @@ from ...papers.sphere_shear.scenario import Packing
 LEGS_AT_LEAST = 40  # smallest number of time steps of a run
 
 
-def _require_list(name: str, value, example: str):
-    if not isinstance(value, list | tuple) or not value:
-        raise ValueError(f"{name} must be a list of one or more numbers, such as {example}, got {value!r}")
-    return value
+def _list_of_numbers(name: str, example: str) -> BeforeValidator:
+    def require_list(value):
+        if not isinstance(value, list | tuple) or not value:
+            raise ValueError(f"{name} must be a list of one or more numbers, such as {example}, got {value!r}")
+        return value
+
+    return BeforeValidator(require_list)
 
 
 class ArraySample(Array):
@@ -97,17 +100,12 @@ Sample = Annotated[ArraySample | PackingSample | GougeSample, Field(discriminato
 class Raise(ScenarioTable):
     """Quasi-static path with a load that rises from zero until the sample slides, at its static strength."""
 
-    loads: Annotated[tuple[NotNegative, ...], Listed] = Field(
+    loads: Annotated[tuple[NotNegative, ...], Listed, _list_of_numbers("load.loads", "[0.03, 0.04]")] = Field(
         (0.03, 0.04, 0.0425, 0.045, 0.0475, 0.05, 0.055, 0.06, 0.083),
         min_length=1,
         description="loads (shear force over normal force) at which the sample is kicked",
     )
     step: Positive = Field(1e-3, description="largest increment of the load between two equilibria")
-
-    @field_validator("loads", mode="before")
-    @classmethod
-    def _check_list(cls, value):
-        return _require_list("load.loads", value, "[0.03, 0.04]")
 
     @field_validator("loads")
     @classmethod
@@ -120,8 +118,8 @@ class Raise(ScenarioTable):
 class Kicks(ScenarioTable):
     """Runs that start from the equilibria with random velocities, and lowering of the load on sliding samples."""
 
-    velocities: Annotated[tuple[NotNegative, ...], Listed] = Field(
-        (1e-13, 1e-4), min_length=1, description="root mean square of the initial velocities [length/time]"
+    velocities: Annotated[tuple[NotNegative, ...], Listed, _list_of_numbers("kicks.velocities", "[1e-13, 1e-4]")] = (
+        Field((1e-13, 1e-4), min_length=1, description="root mean square of the initial velocities [length/time]")
     )
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(
         10, description="runs at each load and velocity, which differ in their random numbers"
@@ -143,11 +141,6 @@ class Kicks(ScenarioTable):
     ramps: Annotated[int, Field(ge=1, le=1000)] = Field(
         3, description="largest number of sliding samples whose load is lowered"
     )
-
-    @field_validator("velocities", mode="before")
-    @classmethod
-    def _check_list(cls, value):
-        return _require_list("kicks.velocities", value, "[1e-13, 1e-4]")
 
     @field_validator("velocities")
     @classmethod
