@@ -140,7 +140,11 @@ def restore(node: Node, known: dict[str, type]):
     """Value of a node; unknown classes become dictionaries and strings."""
     noun = known.get(node.attrs.get("noun", ""))
     if not isinstance(node.content, dict):
-        value = _restore_leaf(node)
+        value = node.content
+        if "sequence" in node.attrs and value is not None:
+            value = {"tuple": tuple, "list": list, "bytes": bytes}[node.attrs["sequence"]](value.tolist())
+        elif value is not None and not value.ndim:
+            value = value.item()
         return noun[value] if noun else value
     tree = {name: restore(child, known) for name, child in node.content.items()}
     if "sequence" in node.attrs:
@@ -156,14 +160,6 @@ def restore(node: Node, known: dict[str, type]):
     if noun in (State, Law) or (noun and noun not in _NOUNS):  # parts of a state are checked together with it
         check_value(noun.__name__, made, noun)
     return made
-
-
-def _restore_leaf(node: Node):
-    if node.content is None:
-        return None
-    if "sequence" in node.attrs:
-        return {"tuple": tuple, "list": list, "bytes": bytes}[node.attrs["sequence"]](node.content.tolist())
-    return node.content if node.content.ndim else node.content.item()
 
 
 def _restore_kind(kind: int, about: dict) -> Kind:
@@ -346,7 +342,16 @@ def _open(path, remedy: str = REMEDY):
     import h5py
 
     with refuse_damage(path, "an archive", remedy):
-        _check_checksum(path, remedy)
+        check_regular_file(path, remedy)
+        with open(path, "rb") as content:
+            block = content.read(_BLOCK)
+            if not block.startswith(_HEADER):
+                raise ArchiveError(f"{path} is not a stickslip archive: {remedy}")
+            digest = hashlib.file_digest(content, "sha256").hexdigest().encode()
+        if block[len(_HEADER) :].strip() != digest:
+            raise ArchiveError(
+                f"{path} is damaged or was modified (its checksum does not match): restore a copy, or run it again"
+            )
         with h5py.File(path) as file:
             if not OLDEST <= (schema := file.attrs.get("schema")) <= SCHEMA:
                 remedy = "install a later stickslip" if schema > SCHEMA else "run it again"
@@ -354,19 +359,6 @@ def _open(path, remedy: str = REMEDY):
                     f"{path} has archive schema {schema}, but this version reads schemas {OLDEST} to {SCHEMA}: {remedy}"
                 )
             yield file
-
-
-def _check_checksum(path, remedy: str) -> None:
-    check_regular_file(path, remedy)
-    with open(path, "rb") as file:
-        block = file.read(_BLOCK)
-        if not block.startswith(_HEADER):
-            raise ArchiveError(f"{path} is not a stickslip archive: {remedy}")
-        digest = hashlib.file_digest(file, "sha256").hexdigest().encode()
-    if block[len(_HEADER) :].strip() != digest:
-        raise ArchiveError(
-            f"{path} is damaged or was modified (its checksum does not match): restore a copy, or run it again"
-        )
 
 
 def _store(group, name: str, node: Node) -> None:
@@ -385,13 +377,9 @@ def _store_array(group, name: str, array: np.ndarray | None):
         return group.create_dataset(name, data=h5py.Empty("f8"))
     if array.dtype.kind == "U":
         return group.create_dataset(name, data=array.astype(object), dtype=h5py.string_dtype())
-    if array.dtype.kind in "biufc" and array.ndim and len(array) * array.itemsize >= _LONG:
-        return _store_columns(group, name, array)
-    return group.create_dataset(name, data=array, **(_FILTERS if array.size > 1000 else {}))
-
-
-def _store_columns(group, name: str, array: np.ndarray):
-    """Store an array in chunks of one column each, such as one component of a vector; chunks of zeros take no space."""
+    if array.dtype.kind not in "biufc" or not array.ndim or len(array) * array.itemsize < _LONG:
+        return group.create_dataset(name, data=array, **(_FILTERS if array.size > 1000 else {}))
+    # chunks of one column each, such as one component of a vector; chunks of zeros take no space
     pieces = -(-len(array) * array.itemsize // _CHUNK)
     rows = -(-len(array) // pieces)
     chunks = (rows, *(1,) * (array.ndim - 1))

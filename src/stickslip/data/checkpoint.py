@@ -63,29 +63,6 @@ def record_files(folder: Path) -> list[Path]:
     return sorted(folder.glob(f"*{SUFFIX}"))
 
 
-def _read_appended(path: Path) -> Index:
-    """Read records appended to a file since the last call."""
-    with path.open("rb") as file:
-        first = file.read(_FRAME.size)
-        index = _INDEX.get(path)
-        if index is None or index.first != first:  # the file is another one: its first record is unique
-            index = _INDEX[path] = Index(first)
-        file.seek(index.end)
-        while len(frame := file.read(_FRAME.size)) == _FRAME.size:
-            checksum, length, size = _FRAME.unpack(frame)
-            if index.end + len(frame) + length + size > os.fstat(file.fileno()).st_size:
-                break
-            data = file.read(length + size)
-            if crc32(data, crc32(frame[4:])) != checksum:
-                break
-            if index.end == 0:
-                index.about = json.loads(data)
-            else:
-                index.found[data[:length].decode()] = Record(path, index.end + len(frame) + length, size)
-            index.end += len(frame) + len(data)
-    return index
-
-
 def append_record(folder: Path, name: str, content: bytes, about: dict) -> None:
     """Append a record; it survives a crash of this process.
 
@@ -247,7 +224,24 @@ def _refuse_damage(path: Path):
 def read_index(path: Path) -> Index:
     """Index of a file of pieces; ArchiveError if it does not identify their owner."""
     with _refuse_damage(path):
-        index = _read_appended(path)
+        with path.open("rb") as file:  # only the records appended since the last call
+            first = file.read(_FRAME.size)
+            index = _INDEX.get(path)
+            if index is None or index.first != first:  # the file is another one: its first record is unique
+                index = _INDEX[path] = Index(first)
+            file.seek(index.end)
+            while len(frame := file.read(_FRAME.size)) == _FRAME.size:
+                checksum, length, size = _FRAME.unpack(frame)
+                if index.end + len(frame) + length + size > os.fstat(file.fileno()).st_size:
+                    break
+                data = file.read(length + size)
+                if crc32(data, crc32(frame[4:])) != checksum:
+                    break
+                if index.end == 0:
+                    index.about = json.loads(data)
+                else:
+                    index.found[data[:length].decode()] = Record(path, index.end + len(frame) + length, size)
+                index.end += len(frame) + len(data)
         if index.found or index.about:
             check_value("about", index.about, dict[str, str])
             index.about["scenario"], index.about["stickslip"], index.about["part"]

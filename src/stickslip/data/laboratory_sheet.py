@@ -95,7 +95,12 @@ def _text_sheet(
         raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
     headings, below = titles[index], [line for line in above[index + 1 :] if not COUNTS.fullmatch(line)]
     units = _fit_width(_split_titles(below[0], mark, width), rows) if below else []
-    _check_widths(path, headings, rows)
+    for number, row in rows:
+        if len(row) != len(headings):
+            raise ValueError(
+                f"{path}, line {number}, has {pluralize(len(row), 'field')}, but the header has {len(headings)}: "
+                "correct the line, or separate columns by semicolons if numbers have decimal commas"
+            )
     given = [unit.strip("[]() ") or None for unit in units]
     return Sheet(headings, given if len(given) == width else [None] * width, rows=rows)
 
@@ -142,16 +147,6 @@ def _fit_width(titles: list[str], rows: list[tuple[int, list[str]]]) -> list[str
     if not any("." in field for _, row in rows[:LEAST] for field in row):  # commas may be decimal commas
         return titles
     return ["", *titles] if len(set(np.diff([int(number) for number in numbers]))) == 1 else titles
-
-
-def _check_widths(path: Path, headings: list[str], rows: list[tuple[int, list[str]]]) -> None:
-    """Raise ValueError if a row has another number of fields than the header."""
-    for number, row in rows:
-        if len(row) != len(headings):
-            raise ValueError(
-                f"{path}, line {number}, has {pluralize(len(row), 'field')}, but the header has {len(headings)}: "
-                "correct the line, or separate columns by semicolons if numbers have decimal commas"
-            )
 
 
 def _hdf5_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str | None]]:

@@ -291,7 +291,15 @@ def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> 
     aliases : names of the wanted column, in lower case, with underscores
     units : units that the column may have
     """
-    name, unit, remark = _split_heading(heading)
+    groups = list(re.finditer(r"[\[(]([^\[\]()]*)[\])]", heading))
+    first = bool(groups) and not heading[: groups[0].start()].strip()  # as in "(σ1 − σ3) [kPa]"
+    if len(groups) > 1 or first:  # the last brackets have the unit, those before them a symbol or a remark
+        last, between = (groups[-1], groups[first:-1]) if len(groups) > first else (None, [])
+        end = between[0].start() if between else last.start() if last else len(heading)
+        name, unit = heading[:end].strip(), last[1].strip() if last else None
+        remark = " ".join(group[1] for group in between)
+    else:
+        name, unit, remark = *split_label(heading), ""
     word = plain_word(name)
     found = _alias_of(plain_word(f"{name} {remark}"), aliases) or _alias_of(word, aliases)
     if unit is not None or found:
@@ -306,18 +314,6 @@ def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> 
         if word[k] == "/" and not rest.isdigit() and same_word(re.sub("['0]", "", rest)) not in NAMES:
             return found, rest  # "q/p'" is a ratio
     return word, None
-
-
-def _split_heading(heading: str) -> tuple[str, str | None, str]:
-    """Name, unit and remark of a heading: the last brackets have the unit, those before them a symbol or a remark."""
-    groups = list(re.finditer(r"[\[(]([^\[\]()]*)[\])]", heading))
-    if len(groups) < 2 and not (groups and not heading[: groups[0].start()].strip()):
-        return *split_label(heading), ""
-    first = bool(not heading[: groups[0].start()].strip())  # as in "(σ1 − σ3) [kPa]"
-    unit, between = (groups[-1], groups[first:-1]) if len(groups) > first else (None, [])
-    end = between[0].start() if between else unit.start() if unit else len(heading)
-    remark = " ".join(group[1] for group in between)
-    return heading[:end].strip(), unit[1].strip() if unit else None, remark
 
 
 def _alias_of(word: str, aliases: tuple[str, ...]) -> str | None:

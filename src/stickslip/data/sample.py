@@ -232,7 +232,15 @@ def from_arrays(
             raise PackingError(f"{name} has masked entries: leave them out")
     if dim == 3 and np.ndim(position) == 2 and np.shape(position)[1] == 2:
         raise PackingError("position has shape (N, 2), without z: give dim=2 for disks")
-    mass = _masses(mass, density, radius, dim)
+    if density is not None and mass is not None:
+        raise PackingError("mass and density exclude each other: give one")
+    if density is not None:
+        size = _check_array("radius", radius, (None,))
+        density = _check_array("density", density, () if np.ndim(density) == 0 else (len(size),))
+        if not (density > 0).all():
+            raise PackingError(f"density must be positive, got {density.min():g}")
+        mass = density * (np.pi * size**2 if dim == 2 else 4 / 3 * np.pi * size**3)
+    mass = 1.0 if mass is None else mass
     motion = {"velocity": velocity, "spin": spin, "angle": angle}
     if dim == 2:
         position, image, slip, external_force = map(_padded, (position, image, slip, external_force))
@@ -245,19 +253,6 @@ def from_arrays(
     elif image is not None or slip is not None or mode is not None:
         raise PackingError("image, slip and mode require pair_i and pair_j")
     return accepted(state, law, modes=mode is not None)
-
-
-def _masses(mass, density, radius, dim: int):
-    """Masses of grains from given masses, given densities, or neither."""
-    if density is None:
-        return 1.0 if mass is None else mass
-    if mass is not None:
-        raise PackingError("mass and density exclude each other: give one")
-    radius = _check_array("radius", radius, (None,))
-    density = _check_array("density", density, () if np.ndim(density) == 0 else (len(radius),))
-    if not (density > 0).all():
-        raise PackingError(f"density must be positive, got {density.min():g}")
-    return density * (np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3)
 
 
 def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State:
@@ -286,7 +281,16 @@ def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State
                 f"({largest:.4g}): replicate it until it is wider"
             )
     state = with_neighbor_list(state)
-    _check_overlap(state)
+    contacts, count = state.contacts, int(state.contacts.count[0])
+    i, j = contacts.i[:count], contacts.j[:count]
+    overlap = overlaps(state)
+    share = overlap / np.minimum(radius[i], radius[j])
+    if count and share.max() > 1:
+        c = int(share.argmax())
+        raise PackingError(
+            f"grains {i[c]} and {j[c]} overlap by {overlap[c]:.4g}, more than a radius, where no contact law is "
+            "valid: check positions, radii and cell"
+        )
     return state
 
 
@@ -384,19 +388,6 @@ def _build_cell(cell, periodic, dim: int):
     return box(cell, flags, dim)
 
 
-def _check_overlap(state: State) -> None:
-    contacts, count, radius = state.contacts, int(state.contacts.count[0]), state.grains.radius
-    i, j = contacts.i[:count], contacts.j[:count]
-    overlap = overlaps(state)
-    share = overlap / np.minimum(radius[i], radius[j])
-    if count and share.max() > 1:
-        c = int(share.argmax())
-        raise PackingError(
-            f"grains {i[c]} and {j[c]} overlap by {overlap[c]:.4g}, more than a radius, where no contact law is "
-            "valid: check positions, radii and cell"
-        )
-
-
 def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) -> State:
     """State with a given list of contacts and their slip, not yet projected."""
     if pair_i is None or pair_j is None:
@@ -492,25 +483,19 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     cut = np.linalg.norm(trial.slip[:count], axis=1) < wanted * (1 - 1e-9)
     if modes:
         cut &= state.contacts.mode[:count] != SLIDE
-        _apply_modes(state, law, trial, cut, within)
+        # copy modes, and the limiting slip of sliding contacts, to trial memory, except where slip was cut; a contact
+        # marked as sliding far below the limit slid under another law, or one without friction: its slip determines
+        # its mode
+        given = state.contacts.mode
+        _, held = forces(state, law, memory=HELD | GIVEN)
+        size, limit = (np.linalg.norm(contacts.slip[:count], axis=1) for contacts in (trial, held))
+        elsewhere = (given[:count] == SLIDE) & ((size < (1 - within) * limit) | (limit == 0))
+        rows = np.flatnonzero((given[:count] != OPEN) & (trial.mode[:count] != OPEN) & ~cut & ~elsewhere)
+        trial.mode[rows] = given[rows]
+        rows = rows[given[rows] == SLIDE]
+        trial.slip[rows] = held.slip[rows]
+        trial.reached[rows] = True
     if cut.any():
         message = f"slip beyond the Coulomb limit at {pluralize(int(cut.sum()), 'contact')}: truncated at the limit"
         warnings.warn(message, PackingWarning, stacklevel=3)
     return accept(state, trial)
-
-
-def _apply_modes(state: State, law: Law, trial, cut, within: float) -> None:
-    """Copy modes, and the limiting slip of sliding contacts, from a state to trial memory, except where slip was cut.
-
-    A contact marked as sliding far below the limit slid under another law, or one without friction: its mode is
-    determined by its slip.
-    """
-    count, given = int(state.contacts.count[0]), state.contacts.mode
-    _, held = forces(state, law, memory=HELD | GIVEN)
-    size, limit = (np.linalg.norm(contacts.slip[:count], axis=1) for contacts in (trial, held))
-    elsewhere = (given[:count] == SLIDE) & ((size < (1 - within) * limit) | (limit == 0))
-    rows = np.flatnonzero((given[:count] != OPEN) & (trial.mode[:count] != OPEN) & ~cut & ~elsewhere)
-    trial.mode[rows] = given[rows]
-    rows = rows[given[rows] == SLIDE]
-    trial.slip[rows] = held.slip[rows]
-    trial.reached[rows] = True

@@ -34,7 +34,7 @@ from ...core.laws.properties import resists_rolling
 from ...core.readable import pluralize
 from ...core.reading import NPY, Budget, Reader, read_arrays
 from ...core.state import Bonds, State, check
-from ...core.units import Units, current_units, units_from
+from ...core.units import current_units, units_from
 from ...extras import require
 from .. import archive
 from ..archive import restore_bonds, restore_contacts
@@ -177,16 +177,11 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
     dim = given.pop("dim", 3)
     if not isinstance(dim, int | float) or dim not in (2, 3):
         raise PackingError(f"{path}: dim must be 2 or 3, got {dim}")
-    return arrays | {"dim": int(dim), UNITS: _units(path, arrays.get(UNITS), int(dim))}, given
-
-
-def _units(path: Path, given: np.ndarray | None, dim: int) -> Units | None:
-    if given is None:
-        return None
     try:
-        return units_from(given.tolist(), dim)
+        units = units_from(arrays[UNITS].tolist(), int(dim)) if UNITS in arrays else None
     except ValueError as problem:
         raise PackingError(f"{path}: {problem}") from None
+    return arrays | {"dim": int(dim), UNITS: units}, given
 
 
 def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
@@ -227,24 +222,17 @@ def read_archive(path: Path, wanted: str | None = None) -> list[Packing]:
         raise PackingError(f"{path} has no state {wanted!r}: it has {some}")
     names = list(states) if wanted in (None, "all") else [wanted]
     assumed = [repeated_note(text) for text in str(tree.get("assumed", "")).splitlines()]
-    return [Packing(name, {}, assumed, state=states[name], law=_law_above(tree, name)) for name in names]
+    return [Packing(name, {}, assumed, state=states[name][0], law=states[name][1]) for name in names]
 
 
-def _law_above(tree: dict, name: str) -> Law | None:
-    holder, law = tree, tree.get("law")
-    for part in name.split("/")[:-1]:
-        holder = holder[part]
-        law = holder.get("law", law) if isinstance(holder, dict) else law
-    return law
-
-
-def _find_states(tree: dict, above: str = ""):
-    """Yield the names and values of all states in an archive, at any depth."""
+def _find_states(tree: dict, above: str = "", law: Law | None = None):
+    """Yield the names of all states in an archive, at any depth, with each state and the nearest law above it."""
+    law = tree.get("law", law)
     for name, value in tree.items():
         if isinstance(value, State):
-            yield above + name, value
+            yield above + name, (value, law)
         elif isinstance(value, dict):
-            yield from _find_states(value, f"{above}{name}/")
+            yield from _find_states(value, f"{above}{name}/", law)
 
 
 def law_from_options(options: dict) -> Law:

@@ -76,7 +76,13 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
     except ValueError as problem:
         raise PackingError(f"{path}: {problem}") from None
     old = 0 if state.bonds is None else len(state.bonds.i)
-    stiffness, strength, arm = (_parallel if of_pfc else _column_strengths)(made, known, old)
+    if of_pfc:
+        stiffness, strength, arm = _parallel(made, known, old)
+    else:  # a column for each
+        zero, endless, arm = np.zeros(len(pairs)), np.full(len(pairs), UNBREAKABLE), made.bonds.arm[old:]
+        stiffness = np.stack([known.get(name, zero) for name in ("kn", "ks", "kb", "kw")], axis=1)
+        loads = ("tension", "shear", "bending", "twisting")
+        strength = np.stack([known.get(name, endless) for name in loads], axis=1)
     broken = known.get("broken", np.zeros(len(pairs))) > 0
     failed = np.zeros(len(pairs), np.int8)
     if "pb_state" in known:
@@ -120,14 +126,6 @@ def _numbers(path: Path, known: dict[str, np.ndarray], n: int, of_pfc: bool) -> 
         )
     counted = f"grains in {path.name} are assumed to be numbered from {start}, as neither 0 nor {n} occurs"
     return ends.astype(np.int64) - start, [Assumption(counted)] * unknown
-
-
-def _column_strengths(made: State, known: dict[str, np.ndarray], old: int):
-    """Stiffness and strength from a column for each, and the arm."""
-    k = len(known["i"])
-    stiffness = [known.get(name, np.zeros(k)) for name in ("kn", "ks", "kb", "kw")]
-    strength = [known.get(name, np.full(k, UNBREAKABLE)) for name in ("tension", "shear", "bending", "twisting")]
-    return np.stack(stiffness, axis=1), np.stack(strength, axis=1), made.bonds.arm[old:]
 
 
 def _parallel(made: State, known: dict[str, np.ndarray], old: int):

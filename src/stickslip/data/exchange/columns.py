@@ -330,7 +330,9 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         known["spin"] = np.outer(columns[turn], [0.0, 0.0, 1.0])
         rest = [name for name in rest if name != turn]
     if kind := _column_of(KINDS, rest, columns):
-        known["types"], rest = _number_kinds(np.asarray(columns[kind])), [name for name in rest if name != kind]
+        kinds, rest = np.asarray(columns[kind]), [name for name in rest if name != kind]
+        counted = (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0  # from 0, otherwise in sorted order
+        known["types"] = kinds.astype(np.int64) if counted else np.unique(kinds, return_inverse=True)[1]
     ids = known.get("id")
     if ids is not None and not (len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all()):
         del known["id"]
@@ -371,13 +373,6 @@ def arrange_grains(
 def _column_of(names: tuple[str, ...], rest: list[str], columns: dict[str, np.ndarray]) -> str | None:
     """The first remaining scalar column with one of these names."""
     return next((name for name in rest if plain_name(name) in names and np.ndim(columns[name]) == 1), None)
-
-
-def _number_kinds(kinds: np.ndarray) -> np.ndarray:
-    """(N,) kinds of grains from 0: unchanged if they are such numbers, otherwise numbered in sorted order."""
-    if (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0:
-        return kinds.astype(np.int64)
-    return np.unique(kinds, return_inverse=True)[1]
 
 
 def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]) -> list[str]:

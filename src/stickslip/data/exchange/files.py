@@ -109,7 +109,11 @@ def is_measured(path: Path, contacts: Path | None) -> bool:
 def find_format(path: Path) -> Format:
     """Format of a file; PackingError with its first lines if it is unknown."""
     head = read_content(path, HEAD)
-    form = next((form for form in (*_formats_of_wings(), *FORMATS) if form.recognize(head)), None)
+    of_wings = [  # tried before those of the laboratory
+        Format(one.name, partial(re.match, one.start), partial(_read_by_wing, wing, one), packs=False)
+        for wing in wings().values() for one in wing.formats if one.start and one.read
+    ]  # fmt: skip
+    form = next((form for form in (*of_wings, *FORMATS) if form.recognize(head)), None)
     if form is None:
         from .table_file import refuse
 
@@ -121,15 +125,6 @@ def find_format(path: Path) -> Format:
     return form
 
 
-def _formats_of_wings() -> list[Format]:
-    """Formats read by wings, which are tried before those of the laboratory."""
-    pairs = [(wing, one) for wing in wings().values() for one in wing.formats if one.start and one.read]
-    return [
-        Format(one.name, partial(re.match, one.start), partial(_read_by_wing, wing, one), packs=False)
-        for wing, one in pairs
-    ]
-
-
 def _read_by_wing(wing: Wing, form: FileFormat, path: Path, frame: str | None = None) -> list[Packing]:
     try:
         frames = dict(wing.function(form.read)(path))
@@ -138,15 +133,13 @@ def _read_by_wing(wing: Wing, form: FileFormat, path: Path, frame: str | None = 
         raise PackingError(
             f"{path} cannot be read as {form.name} ({said}): the file is damaged, or its wing is faulty"
         ) from problem
-    names = list(frames)
-    return [_packing_of(path, names[k], frames[names[k]]) for k in chosen_frames(path, names, frame)]
-
-
-def _packing_of(path: Path, name: str, given: dict) -> Packing:
-    arrays = {key: value for key, value in given.items() if key != "law"}
-    notes = [] if {"mass", "density"} & set(arrays) else [mass_note(path.name)]
-    notes += [*at_rest(path.name, arrays), *([] if "cell" in arrays else [extent_note(path.name)])]
-    return Packing(name, arrays, notes, law=given.get("law"))
+    names, packings = list(frames), []
+    for name in (names[k] for k in chosen_frames(path, names, frame)):
+        arrays = {key: value for key, value in frames[name].items() if key != "law"}
+        notes = [] if {"mass", "density"} & set(arrays) else [mass_note(path.name)]
+        notes += [*at_rest(path.name, arrays), *([] if "cell" in arrays else [extent_note(path.name)])]
+        packings.append(Packing(name, arrays, notes, law=frames[name].get("law")))
+    return packings
 
 
 def writers_of_wings() -> dict[str, Callable]:

@@ -68,13 +68,10 @@ def is_table_of_forces(grains: Path, contacts: Path) -> bool:
         return False
     bare = all(names is None for names in found)
     bare = bare and (len(_entries(lines[0])) in NAMELESS_CONTACTS or _may_be_matrix(lines[0]))
-    return (bare or any(map(_has_forces, found))) and _are_grains(read_content(grains, HEAD))
-
-
-def _are_grains(head: bytes) -> bool:
-    """Return True for a table of grains, with named columns or in the layout of lists without names."""
+    head = read_content(grains, HEAD)
     first = next((line for line in head_text(head).splitlines() if line.strip()), "")
-    return recognize(head) or (names_of(first) is None and len(_entries(first)) in NAMELESS_GRAINS)
+    nameless = names_of(first) is None and len(_entries(first)) in NAMELESS_GRAINS
+    return (bare or any(map(_has_forces, found))) and (recognize(head) or nameless)
 
 
 def _entries(line: str) -> list[str]:
@@ -112,7 +109,12 @@ def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
     """
     grains, notes = _grains_of(path)
     forces, more = _contacts_of(contacts, grains)
-    notes = [*notes, *more, *_account(path, grains, contacts, forces)]
+    used = {*grains} - {*identify_columns(grains)[1]} | {*OPTIONAL, *FRAMES}
+    read = {*NEEDED, *FORCES, *FRAMES, *(f"{name}{axis}" for name in VECTORS for axis in "xyz")}
+    notes = [
+        *notes, *more, *account_for("column of a table", grains, path.name, dict.fromkeys(used, USED)),
+        *account_for("column of contacts", forces, contacts.name, dict.fromkeys(read, USED)),
+    ]  # fmt: skip
     steps = _common_frames(path, grains, contacts, forces, notes)
     if len(steps):
         ((at),) = chosen_frames(path, [f"{step:g}" for step in steps], frame)
@@ -240,16 +242,6 @@ def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict, notes
 def _rows_of(columns: dict[str, np.ndarray], step: float) -> dict[str, np.ndarray]:
     frames = _frame_column(columns)
     return columns if frames is None else {name: values[frames == step] for name, values in columns.items()}
-
-
-def _account(path: Path, grains: dict, contacts: Path, forces: dict) -> list[str]:
-    """Account of the columns of both tables."""
-    used = {*grains} - {*identify_columns(grains)[1]} | {*OPTIONAL, *FRAMES}
-    read = {*NEEDED, *FORCES, *FRAMES, *(f"{name}{axis}" for name in VECTORS for axis in "xyz")}
-    return [
-        *account_for("column of a table", grains, path.name, dict.fromkeys(used, USED)),
-        *account_for("column of contacts", forces, contacts.name, dict.fromkeys(read, USED)),
-    ]
 
 
 def _join(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> Lists:

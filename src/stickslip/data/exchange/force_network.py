@@ -112,7 +112,13 @@ def measured_forces(
     shapes |= {name: (value, (n,)) for name, value in each.items()}
     shapes |= {name: (value, (count,)) for name, value in pairs.items()}
     shapes |= {"force_t": (force_t, (count,) if dim == 2 else (count, 3))}
-    full = {name: _broadcast(name, *parts) for name, parts in shapes.items()}
+    full = {}
+    for name, (value, shape) in shapes.items():
+        kind = int if name in ("pair_i", "pair_j", "ids") else float
+        try:
+            full[name] = np.array(np.broadcast_to(np.asarray(value, kind), shape))
+        except (TypeError, ValueError, OverflowError):
+            raise PackingError(f"{name} has shape {np.shape(value)}: numbers of shape {shape} are needed") from None
     network = MeasuredForces(**full, free=~np.isin(np.arange(n), held), notes=list(notes))
     _check_numbers(network)
     _check_pairs(network)
@@ -126,14 +132,6 @@ def unit_branches(m: MeasuredForces) -> np.ndarray:
     """(C, D) normals of contacts, from j to i."""
     branch = m.position[m.pair_i] - m.position[m.pair_j]
     return branch / np.linalg.norm(branch, axis=1, keepdims=True)
-
-
-def _broadcast(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
-    kind = int if name in ("pair_i", "pair_j", "ids") else float
-    try:
-        return np.array(np.broadcast_to(np.asarray(value, kind), shape))
-    except (TypeError, ValueError, OverflowError):
-        raise PackingError(f"{name} has shape {np.shape(value)}: numbers of shape {shape} are needed") from None
 
 
 def _check_numbers(m: MeasuredForces) -> None:

@@ -269,26 +269,20 @@ def mode_frames(
     period = 2 * np.pi / (abs(exponent.imag) or abs(exponent) or 1.0)
     if not np.isfinite(period):
         raise PackingError(f"the mode has the exponent {exponent:.3g}, whose period is not finite: choose another mode")
-    out = []
+    out, c, n = [], frame.contacts, len(radius)
     for t in np.arange(count) / count * period:
         factor = np.exp(1j * (exponent.imag * t if exponent.imag else 2 * np.pi * t / period))
         if grow:
             factor *= np.exp(exponent.real * (t - period))
-        out.append(
-            _displace(frame, *((scale * factor * part).real for part in (translation, rotation)), state.time + t)
-        )
+        shift, roll = ((scale * factor * part).real for part in (translation, rotation))
+        angle = state.grains.angle + roll / radius
+        grains = state.grains._replace(position=state.grains.position + shift, angle=angle)
+        step = shift[c["i"]] - np.where((c["j"] < n)[:, None], shift[np.minimum(c["j"], n - 1)], 0.0)
+        columns = frame.grains | {"displacement": shift, "rotation": roll / radius}
+        turned = angle if state.cell.dim == 2 else roll / radius
+        moved = state._replace(grains=grains, time=float(state.time + t))
+        out.append(Frame(moved, frame.law, columns, c | {"branch": c["branch"] + step}, turned, moving=True))
     return out
-
-
-def _displace(frame: Frame, shift: np.ndarray, roll: np.ndarray, time: float) -> Frame:
-    state, radius = frame.state, frame.state.grains.radius[:, None]
-    grains = state.grains._replace(position=state.grains.position + shift, angle=state.grains.angle + roll / radius)
-    moved: State = state._replace(grains=grains, time=float(time))
-    c, n = frame.contacts, len(shift)
-    step = shift[c["i"]] - np.where((c["j"] < n)[:, None], shift[np.minimum(c["j"], n - 1)], 0.0)
-    columns = frame.grains | {"displacement": shift, "rotation": roll / radius}
-    turned = grains.angle if state.cell.dim == 2 else roll / radius
-    return Frame(moved, frame.law, columns, c | {"branch": c["branch"] + step}, turned, moving=True)
 
 
 @checked

@@ -303,7 +303,17 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
     said = {event.words[0] for event in events if isinstance(event, Command)}
     if blocks and not said & {"run", "minimize", "rerun"}:
         run.acts["echo"] = f"{path.name} does not repeat its commands (`echo none` or `echo screen`)"
-    atoms = _atoms(events, end, until, step, run)
+    # the number of grains is unknown if it may have changed during a run or after it
+    begin = max((k for k, event in enumerate(events) if _writes_dump(event, until)), default=0)
+    counts = {
+        event.atoms for event in events[begin:]
+        if isinstance(event, Block) and event.start is not None and event.start <= step <= event.end
+    }  # fmt: skip
+    since = takewhile(lambda event: isinstance(event, Command), reversed(events[:end]))
+    after = end == len(events) or isinstance(events[end], Command)  # of the last run, not within one
+    changing = any(style in INSERTING for _, style, *_ in run.fixes.values())
+    changing = changing or (after and any(command.words[0] in COUNTING for command in since))
+    atoms = counts.pop() if len(counts) == 1 and not changing else None
     return run._replace(blocks=blocks, sources=tuple(name for name, _ in texts), atoms=atoms, place=end)
 
 
@@ -328,8 +338,15 @@ def _end(events: list[Command | Block], until: str, step: int) -> int:
     if writes:
         return writes[-1] + 1
     runs = [k for k, event in enumerate(events) if isinstance(event, Block) and event.start is not None]
-    if not runs and (closed := _closing(events, until)):
-        return closed
+    if not runs:  # the command `undump` that ended the dump
+        closed, name = 0, ""
+        for k, event in enumerate(events):
+            if _writes_dump(event, until):
+                closed, name = 0, event.words[1]
+            elif isinstance(event, Command) and event.words[:2] == ["undump", name]:
+                closed = k
+        if closed:
+            return closed
     open_in = _open_in(events, until)
     runs = [k for k in runs if k in open_in] or runs
     reached = [k for k in runs if events[k].start < step <= events[k].end or events[k].start == events[k].end == step]
@@ -364,35 +381,10 @@ def means(word: str, name: str, *, series: bool = False) -> bool:
     return bool(word.strip("*.")) and (fnmatchcase(name, word) or (series and name.startswith(f"{word}.")))
 
 
-def _atoms(events: list[Command | Block], end: int, until: str, step: int, run: Run) -> int | None:
-    """Number of grains at a time step; None if unknown, or if it may have changed during a run or after it."""
-    begin = max((k for k, event in enumerate(events) if _writes_dump(event, until)), default=0)
-    counts = {
-        event.atoms for event in events[begin:]
-        if isinstance(event, Block) and event.start is not None and event.start <= step <= event.end
-    }  # fmt: skip
-    since = takewhile(lambda event: isinstance(event, Command), reversed(events[:end]))
-    after = end == len(events) or isinstance(events[end], Command)  # of the last run, not within one
-    changing = any(style in INSERTING for _, style, *_ in run.fixes.values())
-    changing = changing or (after and any(command.words[0] in COUNTING for command in since))
-    return counts.pop() if len(counts) == 1 and not changing else None
-
-
 def _writes_dump(event: Command | Block, name: str) -> bool:
     """Return True for the command `dump` of a file."""
     words = event.words if isinstance(event, Command) else [""]
     return words[0] == "dump" and len(words) > 5 and bool(name) and fnmatchcase(name, Path(words[5]).name)
-
-
-def _closing(events: list[Command | Block], until: str) -> int:
-    """Position of the command `undump` that ended a dump; 0 if it was written to the end."""
-    closed, name = 0, ""
-    for k, event in enumerate(events):
-        if _writes_dump(event, until):
-            closed, name = 0, event.words[1]
-        elif isinstance(event, Command) and event.words[:2] == ["undump", name]:
-            closed = k
-    return closed
 
 
 def read_lines_of(path: Path) -> str:
@@ -541,7 +533,14 @@ def _define(run: Run, key: str, rest: list[str], place: str) -> None:
     elif key in ("group", "region") and rest[1:2] == ["delete"]:
         (run.groups if key == "group" else run.regions).pop(rest[0], None)
     elif key == "group" and len(rest) > 1:
-        _define_group(run, *rest)
+        name, kind, *arguments = rest
+        if kind == "clear":
+            run.groups[name] = []
+        if kind in COMBINED:  # groups of which it is composed are kept in their present form
+            kept = {word: f"{word} {len(run.groups)}" for word in arguments if word != "all"}
+            run.groups.update({new: list(run.groups.get(word, [["unknown"]])) for word, new in kept.items()})
+            arguments = [kept.get(word, word) for word in arguments]
+        run.groups.setdefault(name, []).append([kind, *arguments])
     elif key == "region" and len(rest) > 1:
         run.regions[rest[0]] = Region(rest[1:], run.settings.get(LATTICE))
 
@@ -557,17 +556,6 @@ def _define_dump(run: Run, key: str, rest: list[str]) -> None:
         command = " ".join([key, *rest[: at // 2]])
         dump = Dump(command, rest[at], rest[at + 1 :], _selection(command), {})
         run.dumps[name or rest[at]] = dump if name else dump.modified(key, rest[at + 1 :])
-
-
-def _define_group(run: Run, name: str, style: str, *arguments: str) -> None:
-    """Add to a group; groups of which it is composed are kept in their present form."""
-    if style == "clear":
-        run.groups[name] = []
-    if style in COMBINED:
-        kept = {word: f"{word} {len(run.groups)}" for word in arguments if word != "all"}
-        run.groups.update({new: list(run.groups.get(word, [["unknown"]])) for word, new in kept.items()})
-        arguments = tuple(kept.get(word, word) for word in arguments)
-    run.groups.setdefault(name, []).append([style, *arguments])
 
 
 def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray | None, n: int) -> np.ndarray | None:

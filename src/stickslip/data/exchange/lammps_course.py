@@ -20,7 +20,7 @@ from ..sample import LAW, Absent, Assumption, Obstacle, PackingError, from_array
 from . import lammps_restart
 from .columns import Packing
 from .lammps_bonds import laws_of_bonds, note_on_contacts, notes_on_rest, replay
-from .lammps_commands import Region, Run, group_members, numbers_in
+from .lammps_commands import Run, group_members, numbers_in
 from .lammps_laws import (
     HISTORY,
     LIMITED,
@@ -172,21 +172,16 @@ def _finite(word: str) -> float:
 
 def _add_wall_law(course: Course, contact: Contact, arguments: list[str]) -> None:
     """Law of the newest wall with all types."""
-    own = _classic(course, contact) if plain_style(arguments[0]) == "hooke/history" else contact
-    course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
-
-
-def _classic(course: Course, contact: Contact) -> Contact:
-    """Law of the newest wall, whose k_t LAMMPS multiplies by the contact radius √(δ R), here at its mean."""
-    radius = course.packing.arrays["radius"]
+    own, radius, year = contact, course.packing.arrays["radius"], course.run.year
     overlap = course.walls[-1].overlap(course.packing.arrays["position"], radius)
-    touches = overlap > 0
-    if course.run.year > 2025 or 0 < course.run.year < 2022 or not touches.any():
-        return contact
-    scale = float(np.sqrt(overlap[touches] * radius[touches]).mean())
-    course.walls[-1] = course.walls[-1]._replace(scale=scale)
-    values = contact.values | {"kt": contact.values["kt"] * scale}
-    return contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
+    touches, classic = overlap > 0, year == 0 or 2022 <= year <= 2025
+    if plain_style(arguments[0]) == "hooke/history" and classic and touches.any():
+        # LAMMPS multiplies its k_t by the contact radius √(δ R), here at its mean
+        scale = float(np.sqrt(overlap[touches] * radius[touches]).mean())
+        course.walls[-1] = course.walls[-1]._replace(scale=scale)
+        values = contact.values | {"kt": contact.values["kt"] * scale}
+        own = contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
+    course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
 
 
 OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # of regions, and the number of their arguments
@@ -207,7 +202,10 @@ def _take_region(course: Course, name: str, group: str, arguments: list[str]) ->
     if style not in FLAT or {"move", "rotate"} & set(given) or len(rest) != 2 or not course.members(group).all():
         told = f"`{' '.join([style, *words, *rest[2:]])}` of group {group}"
         raise ValueError(f"only fixed planes or blocks for all grains are supported, not {told}")
-    scale = np.ones(3) if given.get("units") == ["box"] else _spacing(region)
+    lattice = given.get("units") != ["box"]
+    if lattice and region.spacing == []:
+        raise ValueError("its region is in lattice units, and only log.lammps contains the lattice spacing")
+    scale = np.array([_finite(word) for word in (region.spacing if lattice else None) or ("1", "1", "1")])
     outside = given.get("side") == ["out"]
     if style == "plane":
         point, normal = np.array([_finite(w) for w in words[:6]]).reshape(2, 3) * scale
@@ -247,13 +245,6 @@ def _touched_face(course: Course, bounds: np.ndarray, number: int) -> Plane:
         if (position @ wall.normal >= wall.height).all() and above[wall.overlap(position, radius) > 0].all():
             return wall
     raise ValueError("grains touch several faces of its block from outside, or its edges, but walls here have no edges")
-
-
-def _spacing(region: Region) -> np.ndarray:
-    """(3,) unit of length of a region, that of the lattice if there is one; ValueError if unknown."""
-    if region.spacing == []:
-        raise ValueError("its region is in lattice units, and only log.lammps contains the lattice spacing")
-    return np.array([_finite(word) for word in region.spacing or ("1", "1", "1")])
 
 
 def _take_gravity(course: Course, name: str, group: str, arguments: list[str]) -> None:
@@ -531,10 +522,14 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
             others = acting.get(pair, {}) if style != "hybrid" and part != "none" else {}
             acting[pair] = others | {plain_style(part): rest}
     for pair, own in acting.items():
-        own = {part: rest for part, rest in own.items() if not _has_no_force(part, rest)}
-        if len(own) > 1:
-            raise ValueError(f"it adds the forces of {' and '.join(own)}, but only one contact law is supported")
+        acts = {}  # parts with forces between these types
         for part, rest in own.items():
+            zero = numbers_in(rest[:1]) == [0.0] and find_row(LINEAR, part).group == HARMLESS
+            if not (zero or find_row(BESIDE, part).group == HARMLESS):
+                acts[part] = rest
+        if len(acts) > 1:
+            raise ValueError(f"it adds the forces of {' and '.join(acts)}, but only one contact law is supported")
+        for part, rest in acts.items():
             if part not in parts or (part != "granular" and part.removeprefix("gran/") not in HISTORY):
                 raise ValueError(f"its part {part} acts between some types: {no_equal(part)}")
             words = rest if part == "granular" else parts[part]
@@ -544,13 +539,16 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
     apart = {pair for pair in acting if pair not in course.contacts}
     if course.types is None and (apart or len({str(contact) for contact in course.contacts.values()}) > 1):
         raise ValueError("its parts act between some types only, but the grains have no types (a column type)")
-    _check_apart(course, apart)
-
-
-def _has_no_force(part: str, coefficients: list[str]) -> bool:
-    """Return True for a part of a hybrid style without forces between two types with these coefficients."""
-    zero = numbers_in(coefficients[:1]) == [0.0] and find_row(LINEAR, part).group == HARMLESS
-    return zero or find_row(BESIDE, part).group == HARMLESS
+    if not apart:
+        return
+    ends = np.sort(course.types[course.contacts_of_grains()], axis=0)
+    for a, b in sorted(apart):  # contacts of types between which LAMMPS has no forces, but which exist here
+        count = int(((ends[0] == a) & (ends[1] == b)).sum())
+        what = f"pair_coeff defines no forces between types {a + 1} and {b + 1}"
+        if count:
+            course.obstacle(f"{what}, but {pluralize(count, 'contact')} between them would have some here")
+        else:
+            course.notes.append(Assumption(f"{what}: none of them touch now, but contacts would have forces here"))
 
 
 def _split_hybrid(arguments: list[str], given: set[str]) -> tuple[dict[str, list[str]], list[str]]:
@@ -570,20 +568,6 @@ def _split_hybrid(arguments: list[str], given: set[str]) -> tuple[dict[str, list
         else:
             parts.setdefault(name, []).append(word)
     return parts, factors
-
-
-def _check_apart(course: Course, apart: set[tuple[int, int]]) -> None:
-    """Note contacts of types between which LAMMPS has no forces, but which exist here."""
-    if not apart or course.types is None:
-        return
-    ends = np.sort(course.types[course.contacts_of_grains()], axis=0)
-    for a, b in sorted(apart):
-        count = int(((ends[0] == a) & (ends[1] == b)).sum())
-        what = f"pair_coeff defines no forces between types {a + 1} and {b + 1}"
-        if count:
-            course.obstacle(f"{what}, but {pluralize(count, 'contact')} between them would have some here")
-        else:
-            course.notes.append(Assumption(f"{what}: none of them touch now, but contacts would have forces here"))
 
 
 def _mix_the_rest(course: Course, given: set[tuple[int, int]] = frozenset()) -> None:

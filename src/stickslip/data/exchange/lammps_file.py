@@ -229,7 +229,15 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     force_n = c.force_n[rows] - c.damping_n[rows] * vn
     if pairs.normal is not None:
         theirs = sign * np.einsum("ck,ck->c", pairs.normal[entries], c.normal[rows])
-        _check_normal_forces(force_n, theirs)
+        miss = float(np.abs(force_n - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
+        told = "normal forces of the law differ from those in the dump by up to"
+        if miss > OTHER_LAW:
+            raise PackingError(
+                f"{told} {miss:.2g} of their mean, so law, types or run differ: give the law, kn and damping_n used in "
+                f"LAMMPS, and enough digits ({ALL_DIGITS})"
+            )
+        if miss > NEGLIGIBLE:
+            warnings.warn(f"{told} {miss:.1g} of their mean: {ALL_DIGITS}", PackingWarning, stacklevel=3)
         force_n = theirs
     slip = np.divide(-pull, stiffness, out=np.zeros_like(pull), where=stiffness > 0)
     contacts, limit = state.contacts, np.abs(c.limit[rows] + c.mu[rows] * (force_n - c.force_n[rows]))
@@ -261,19 +269,6 @@ def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: 
         )
 
 
-def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
-    """Warn if the law's normal forces differ from LAMMPS's; raise PackingError if the law must be a different one."""
-    miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
-    if miss > OTHER_LAW:
-        raise PackingError(
-            f"normal forces of the law differ from those in the dump by up to {miss:.2g} of their mean, so law, "
-            f"types or run differ: give the law, kn and damping_n used in LAMMPS, and enough digits ({ALL_DIGITS})"
-        )
-    if miss > NEGLIGIBLE:
-        problem = f"normal forces of the law differ from those in the dump by up to {miss:.1g} of their mean"
-        warnings.warn(f"{problem}: {ALL_DIGITS}", PackingWarning, stacklevel=4)
-
-
 def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Match pairs to rows of the contact list.
 
@@ -296,7 +291,18 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
     entries = np.flatnonzero(~open_pair)
     chosen = first[entries].copy()
     for k in np.flatnonzero(last[entries] - first[entries] > 1):  # a grain touches two images of another grain
-        chosen[k] = _nearest_image(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
+        entry = entries[k]
+        own = branch_vectors(state)[rows[first[entry] : last[entry]]]
+        if pairs.branch is not None:
+            miss = np.linalg.norm(own - sign[entry] * pairs.branch[entry], axis=1)
+        elif pairs.distance is not None:
+            miss = np.abs(np.linalg.norm(own, axis=1) - pairs.distance[entry])
+        else:
+            raise PackingError(
+                f"grains {pairs.i[entry]} and {pairs.j[entry]} touch more than once across the periodic box: add dx dy "
+                "dz to the contacts to distinguish them"
+            )
+        chosen[k] = first[entry] + int(np.argmin(miss))
     matched = rows[chosen]
     if len(np.unique(matched)) < len(matched):
         raise PackingError("a contact is listed twice: give each contact once, from a single time step, with dx dy dz")
@@ -304,21 +310,6 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
         message = f"{pluralize(len(rows) - len(matched), 'touching pair')} not in the dump: slip set to zero"
         warnings.warn(message, PackingWarning, stacklevel=3)
     return matched, entries, sign[entries]
-
-
-def _nearest_image(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
-    """Row of the image of a pair whose branch vector, or its length, is closest to that of an entry."""
-    own = branch_vectors(state)[rows[first:last]]
-    if pairs.branch is not None:
-        miss = np.linalg.norm(own - sign[entry] * pairs.branch[entry], axis=1)
-    elif pairs.distance is not None:
-        miss = np.abs(np.linalg.norm(own, axis=1) - pairs.distance[entry])
-    else:
-        raise PackingError(
-            f"grains {pairs.i[entry]} and {pairs.j[entry]} touch more than once across the periodic box: add dx dy dz "
-            "to the contacts to distinguish them"
-        )
-    return first + int(np.argmin(miss))
 
 
 def complete_law_options(given: dict) -> dict:
@@ -444,7 +435,19 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
         at += 3 if kind else 1
     if "tx" in names:
         return names
-    return _with_total_force(names, values, packing, (i, j), normal)
+    # the columns of the total force on the first grain, which presses the grains apart
+    position = np.asarray(packing.arrays["position"])
+    flags = (values == np.round(values)).all(axis=0)
+    for at in range(values.shape[1] - 3, -1, -1):
+        vector = values[:, at : at + 3]
+        known = any(names[at : at + 3]) or flags[at : at + 3].all()
+        if known or any(_is_small(vector - position[end], position[end]) for end in (i, j)):
+            continue
+        along = np.einsum("ck,ck->c", vector, normal)
+        if along.sum() > 0.5 * np.linalg.norm(vector, axis=1).sum():
+            names[at : at + 3] = TOTAL
+            break
+    return names
 
 
 def _is_small(rest: np.ndarray, whole: np.ndarray) -> bool:
@@ -472,19 +475,3 @@ def _kind_of_vector(vector: np.ndarray, branch: np.ndarray, normal: np.ndarray, 
         return "f"
     known = across.any() or "fx" in names  # without friction, tangential forces are zero
     return "t" if "tx" not in names and known and _is_small(along, across) else ""
-
-
-def _with_total_force(names: list[str], values: np.ndarray, packing: Packing, ends, normal: np.ndarray) -> list[str]:
-    """Name the columns of the total force on the first grain, which presses the grains apart."""
-    position = np.asarray(packing.arrays["position"])
-    flags = (values == np.round(values)).all(axis=0)
-    for at in range(values.shape[1] - 3, -1, -1):
-        vector = values[:, at : at + 3]
-        known = any(names[at : at + 3]) or flags[at : at + 3].all()
-        if known or any(_is_small(vector - position[end], position[end]) for end in ends):
-            continue
-        along = np.einsum("ck,ck->c", vector, normal)
-        if along.sum() > 0.5 * np.linalg.norm(vector, axis=1).sum():
-            names[at : at + 3] = TOTAL
-            break
-    return names

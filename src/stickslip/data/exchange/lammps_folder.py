@@ -260,8 +260,13 @@ def _with_bonds(packing: Packing, path: Path, files: Files, run: Run) -> tuple[P
     """
     told = replay(run.bonds)
     data = [other for other in files.data if other != path] if told.style or told.made else []
+    others: dict[Path, Packing | None] = dict.fromkeys(data)
     failed: list[str] = []
-    others = {other: _read_if_possible(other, files, run, failed) for other in data}
+    for other in data:
+        try:
+            others[other] = _read_grains(other, files, None, run)
+        except PackingError as problem:
+            failed.append(str(problem))
     then = next((others[other] for other in others if told.origin and means(told.origin, other.name)), None)
     bonds, notes = packing.bonds, []
     if bonds is None:
@@ -279,15 +284,6 @@ def _with_bonds(packing: Packing, path: Path, files: Files, run: Run) -> tuple[P
     if bonds is not None and bonds.length is None and told.strained and then:
         bonds = with_lengths(bonds, packing, then)
     return packing._replace(bonds=bonds), notes
-
-
-def _read_if_possible(path: Path, files: Files, run: Run, failed: list[str]) -> Packing | None:
-    """Packing of a data file; None if it cannot be read, for a reason that is added to `failed`."""
-    try:
-        return _read_grains(path, files, None, run)
-    except PackingError as problem:
-        failed.append(str(problem))
-        return None
 
 
 def _last_frame(path: Path) -> tuple[bool, int]:

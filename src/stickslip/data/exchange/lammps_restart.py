@@ -127,22 +127,17 @@ def _read_whole(path: Path) -> bytes:
     if not (content.startswith(MAGIC) and content.endswith(MAGIC) and (flag, last) == (44, -1) and count > 0):
         return content
     before, _, after = path.name.rpartition("base")
-    return b"".join(
-        [content[:end], HEADER_END, *(_read_part(path, f"{before}{k}{after}") for k in range(count)), MAGIC]
-    )
-
-
-def _read_part(base: Path, name: str) -> bytes:
-    """Blocks of one part of a restart file."""
-    path = base.with_name(name)
-    if not path.is_file():
-        raise PackingError(
-            f"{base} lacks its part {name}: copy all parts, or write the restart file without % in its name"
-        )
-    content = read_content(path)
-    if not (recognize_part(content) and content.endswith(MAGIC)):
-        raise PackingError(f"{path} is not a complete part of the restart file {base.name}: copy it again")
-    return content[2 * len(PART) : -len(MAGIC)]
+    parts = []
+    for place in (path.with_name(f"{before}{k}{after}") for k in range(count)):
+        if not place.is_file():
+            raise PackingError(
+                f"{path} lacks its part {place.name}: copy all parts, or write the restart file without % in its name"
+            )
+        part = read_content(place)
+        if not (recognize_part(part) and part.endswith(MAGIC)):
+            raise PackingError(f"{place} is not a complete part of the restart file {path.name}: copy it again")
+        parts.append(part[2 * len(PART) : -len(MAGIC)])
+    return b"".join([content[:end], HEADER_END, *parts, MAGIC])
 
 
 def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
@@ -198,7 +193,10 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     content = _read_whole(path)
     start, blocks = _blocks(content)
     fixes, style = _fixes(content[:start])[1], str(_header(content)[0].get(STYLE, "sphere"))
-    named = [_memory_of_bonds(name) or style for name, style in fixes]  # in the order of their entries in a record
+    marks = {f"_{kind.upper().replace('/', '_')}_FIX_PROP": kind for kind in BOND_MEMORY}  # of fixes for bond styles
+    named = []  # in the order of their entries in a record
+    for name, kind in fixes:
+        named.append(next((marks[mark] for mark in marks if mark in name), kind))
     stores = named if walls is None else [HISTORY, *[REGION] * walls]
     columns = own_columns(style)
     parts = [_read_block(block, columns, stores, values) for block in blocks if len(block)]
@@ -216,7 +214,11 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
         raise ValueError("a LAMMPS restart file with a contact of a missing grain")
     pairs[:2], touched[1] = (np.searchsorted(ids, column) for column in pairs[:2]), np.searchsorted(ids, touched[1])
     once = pairs[0] < pairs[1]
-    more = _first_copies(*pairs[:2], pairs.pop())[once]
+    # LAMMPS evaluates a contact at the first of its grains in the file, and reverses the signs in the copy of the other
+    # grain, even those of rolling and twisting, which should be equal for both grains
+    low, high = np.minimum(*pairs[:2]), np.maximum(*pairs[:2])
+    _, first, copy = np.unique(low * (high.max(initial=0) + 1) + high, return_index=True, return_inverse=True)
+    more = pairs.pop()[first[copy]][once]
     ends, face, wall_more = (column[once] for column in pairs), touched.pop(), touched.pop()
     held = _list_bonds(path.name, ids, *bonds, orientation[order])
     return Restart(*(column[order] for column in grains), *ends, *touched, more, wall_more, ids, face, held)
@@ -228,11 +230,6 @@ def own_columns(style: str) -> list[str]:
     if not {*parts} <= {*OWN_COLUMNS}:
         raise ValueError(f"atoms of style {style}")
     return list(dict.fromkeys(name for part in parts for name in OWN_COLUMNS[part]))
-
-
-def _memory_of_bonds(name: str) -> str:
-    """Bond style whose memory is stored by a fix of this name; empty if there is none."""
-    return next((style for style in BOND_MEMORY if f"_{style.upper().replace('/', '_')}_FIX_PROP" in name), "")
 
 
 def _list_bonds(
@@ -256,17 +253,6 @@ def _list_bonds(
         direction=np.where(complete[:, None], j.apply(direction), 0.0),
         turn=np.where(complete[:, None], now, 0.0),
     )
-
-
-def _first_copies(i: np.ndarray, j: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values of each contact from the first of its grains in the file.
-
-    LAMMPS evaluates a contact there, and reverses the signs in the copy of the other grain, even those of rolling and
-    twisting, which should be equal for both grains.
-    """
-    low, high = np.minimum(i, j), np.maximum(i, j)
-    _, first, copy = np.unique(low * (high.max(initial=0) + 1) + high, return_index=True, return_inverse=True)
-    return values[first[copy]]
 
 
 def rotations(values: np.ndarray, rolls: int, twists: int) -> np.ndarray:
@@ -659,18 +645,12 @@ def _with_rotations(state: State, law: Law, rows: np.ndarray, more: np.ndarray) 
         along = np.einsum("ck,ck->c", spin, normal)[:, None]
         twists = values["k_twist"], values["gamma_twist"], values["mu_twist"] * pressing
         if law.properties & SCALED:
-            radius = _contact_radius(law, state, rows, c.stiffness_t[rows], values["kt"], r_eff)
+            radius = np.sqrt(np.maximum(overlaps(state)[rows], 0.0) * r_eff)
+            if not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].uses_radius:  # contained in k_t(δ)
+                radius = np.divide(c.stiffness_t[rows], values["kt"], out=radius, where=values["kt"] > 0)
             twists = twists[0] * radius**2, twists[1] * radius**2 * c.damping_t[rows], twists[2] * radius
         own[rows, TWIST_AT_CAP] = _at_cap(more[:, 3:], along, *twists)
     return accept(state, contacts._replace(rolling=own))
-
-
-def _contact_radius(law: Law, state: State, rows: np.ndarray, stiffness: np.ndarray, kt, r_eff) -> np.ndarray:
-    """(C,) contact radii: k_t(δ)/k_t if the law contains them, otherwise √(δ R_eff)."""
-    hertz = np.sqrt(np.maximum(overlaps(state)[rows], 0.0) * r_eff)
-    if isinstance(law.kind, Kind) or not BUILTIN_LAWS[law.kind].uses_radius:
-        return hertz
-    return np.divide(stiffness, kt, out=hertz, where=kt > 0)
 
 
 def _at_cap(memory: np.ndarray, rate: np.ndarray, stiffness, damping, cap) -> np.ndarray:
@@ -750,7 +730,20 @@ def _entries(state: State, law: Law, n: int, walls: int) -> list[np.ndarray]:
     """Entries of the pair style and of the walls for each grain."""
     contacts, rows = state.contacts, touching(state)
     partners, touched = [[] for _ in range(n)], [{} for _ in range(n)]
-    for row, memory in zip(rows, _memory(state, law, rows), strict=True):
+    places, own = Places.of(law), contacts.rolling
+    memories = np.zeros((len(rows), places.size))
+    memories[:, :3] = contacts.slip[rows]
+    c = linearise(state, law, memory=FROZEN) if law.properties & (KEEPS_FORCE | ROLLING) else None
+    if law.properties & KEEPS_FORCE:
+        memories[:, :3] *= -c.stiffness_t[rows, None]
+    r_eff = _pair_sizes(state, rows)[0]
+    if rescales(law):
+        memories[:, 3] = np.sqrt(overlaps(state)[rows] * r_eff)
+    if law.properties & ROLLING:
+        memories[:, 3 + places.rolls : 6 + places.rolls] = r_eff[:, None] * np.cross(own[rows, :3], c.normal[rows])
+    if law.properties & TWISTING:
+        memories[:, 3 + places.twists] = own[rows, TWIST]
+    for row, memory in zip(rows, memories, strict=True):
         i, j = int(contacts.i[row]), int(contacts.j[row])
         if j >= n:
             touched[i][j - n] = memory
@@ -767,24 +760,6 @@ def _entries(state: State, law: Law, n: int, walls: int) -> list[np.ndarray]:
             entry += [2.0, _bits(0)] if memory is None else [3.0 + len(memory), _bits(1), _bits(0), *memory]
         entries.append(np.array(entry, float))
     return entries
-
-
-def _memory(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
-    """(C, size) memory of contacts as LAMMPS stores it."""
-    places, own = Places.of(law), state.contacts.rolling
-    memory = np.zeros((len(rows), places.size))
-    memory[:, :3] = state.contacts.slip[rows]
-    c = linearise(state, law, memory=FROZEN) if law.properties & (KEEPS_FORCE | ROLLING) else None
-    if law.properties & KEEPS_FORCE:
-        memory[:, :3] *= -c.stiffness_t[rows, None]
-    r_eff = _pair_sizes(state, rows)[0]
-    if rescales(law):
-        memory[:, 3] = np.sqrt(overlaps(state)[rows] * r_eff)
-    if law.properties & ROLLING:
-        memory[:, 3 + places.rolls : 6 + places.rolls] = r_eff[:, None] * np.cross(own[rows, :3], c.normal[rows])
-    if law.properties & TWISTING:
-        memory[:, 3 + places.twists] = own[rows, TWIST]
-    return memory
 
 
 def _bits(number: int) -> float:

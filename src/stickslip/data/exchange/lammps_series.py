@@ -101,23 +101,18 @@ def find_compressed(folder: Path) -> Path | None:
 def _read_new_frames(path: Path, before: Dump, modified: int) -> Dump:
     """Find the frames that were written since the previous search."""
     with path.open("rb") as file:
-        frames = (*before.frames, *_frames_from(file, path, before.read))
+        frames = list(before.frames)
+        file.seek(before.read)
+        while (at := _find_time_step(file)) is not None:
+            file.seek(at)
+            if (frame := _next_frame(file, path)) is None:  # still being written
+                break
+            frames.append(frame)
+            file.seek(frame.stop)
         size, read = file.seek(0, 2), frames[-1].stop if frames else 0
         file.seek(read)
         blank = size - read < HEAD and not file.read(size - read).strip()
-    return Dump(frames, size if blank else read, size, modified)
-
-
-def _frames_from(file: BinaryIO, path: Path, start: int) -> Iterator[DumpFrame]:
-    """Complete and damaged frames from a position on; stops before one that is still being written."""
-    file.seek(start)
-    while (at := _find_time_step(file)) is not None:
-        file.seek(at)
-        frame = _next_frame(file, path)
-        if frame is None:
-            return
-        yield frame
-        file.seek(frame.stop)
+    return Dump(tuple(frames), size if blank else read, size, modified)
 
 
 def _find_time_step(file: BinaryIO) -> int | None:

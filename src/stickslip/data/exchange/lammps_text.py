@@ -319,17 +319,33 @@ def _columns_of_atoms(
     """Names of the columns of the section Atoms, and a note if its style was inferred."""
     if asked and style not in (None, asked, asked.split()[0]):
         raise PackingError(f"atom_style = {asked!r} contradicts {path}, whose atoms are of style {style}: leave it out")
-    kind = asked or style
-    if kind is None:
-        return _infer_style(path, rows, head)
-    names = style_columns(kind, rows.shape[1])
-    if names is None or "diameter" not in names or rows.shape[1] - len(names) not in (0, 3):
-        shown = " ".join(names) if names else "unknown"
+    if kind := asked or style:
+        names = style_columns(kind, rows.shape[1])
+        if names is None or "diameter" not in names or rows.shape[1] - len(names) not in (0, 3):
+            shown = " ".join(names) if names else "unknown"
+            raise PackingError(
+                f"{path} has atoms of style {kind} with {rows.shape[1]} columns ({shown}): atom_style sphere is "
+                f"supported, and others with {SPHERES}, such as hybrid sphere bond; name the parts of a hybrid style "
+                "with --atom-style"
+            )
+        return names, []
+    # the only style that fits the rows
+    types = re.search(r"(?m)^\s*(\d+)\s+atom\s+types\b", head)
+    most = int(types[1]) if types else np.inf
+    fits = [style for style in STYLES if _fits(STYLES[style].split(), style, rows, most, head)]
+    if fits in (["sphere"], ["bpm/sphere"]):
+        return STYLES[fits[0]].split(), [Assumption(f"the section Atoms names no style: {fits[0]} is assumed")]
+    if "sphere" in fits:
         raise PackingError(
-            f"{path} has atoms of style {kind} with {rows.shape[1]} columns ({shown}): atom_style sphere is supported, "
-            f"and others with {SPHERES}, such as hybrid sphere bond; name the parts of a hybrid style with --atom-style"
+            f"{path} does not name the style of its atoms, whose {rows.shape[1]} columns could be those of "
+            f"{', '.join(fits[:-1])} or {fits[-1]}: give --atom-style sphere (atom_style in Python) if the third "
+            f"column is the diameter"
         )
-    return names, []
+    which = f"could be those of {' or '.join(fits)}" if fits else "fit no style that is known here"
+    raise PackingError(
+        f"{path} does not name the style of its atoms, whose {rows.shape[1]} columns {which}: {SPHERES} are needed, as "
+        f"write_data writes them for atom_style sphere"
+    )
 
 
 def style_columns(style: str, width: int) -> list[str] | None:
@@ -343,28 +359,6 @@ def style_columns(style: str, width: int) -> list[str] | None:
         return None
     own = [name for part in parts for name in STYLES[part].split() if name not in ("id", "type", *AXES)]
     return list(dict.fromkeys(["id", "type", *AXES, *own]))
-
-
-def _infer_style(path: Path, rows: np.ndarray, head: str) -> tuple[list[str], list[str]]:
-    """Columns of the only style that fits the rows, and a note on this assumption."""
-    types = re.search(r"(?m)^\s*(\d+)\s+atom\s+types\b", head)
-    most = int(types[1]) if types else np.inf
-    fits = [style for style in STYLES if _fits(STYLES[style].split(), style, rows, most, head)]
-    if fits == ["sphere"]:
-        return STYLES["sphere"].split(), [Assumption("the section Atoms names no style: sphere is assumed")]
-    if "sphere" in fits:
-        raise PackingError(
-            f"{path} does not name the style of its atoms, whose {rows.shape[1]} columns could be those of "
-            f"{', '.join(fits[:-1])} or {fits[-1]}: give --atom-style sphere (atom_style in Python) if the third "
-            f"column is the diameter"
-        )
-    if "bpm/sphere" in fits and len(fits) == 1:
-        return STYLES["bpm/sphere"].split(), [Assumption("the section Atoms names no style: bpm/sphere is assumed")]
-    which = f"could be those of {' or '.join(fits)}" if fits else "fit no style that is known here"
-    raise PackingError(
-        f"{path} does not name the style of its atoms, whose {rows.shape[1]} columns {which}: {SPHERES} are needed, as "
-        f"write_data writes them for atom_style sphere"
-    )
 
 
 def _fits(names: list[str], style: str, rows: np.ndarray, types: float, head: str) -> bool:

@@ -293,29 +293,25 @@ def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
     """
     with replace_atomically(Path(path)) as part, part.open("w", encoding="utf-8") as file:
         for frame in frames:
-            file.write(_format_frame(frame))
+            grains, cell = frame.state.grains, frame.state.cell
+            named = {"pos": grains.position, "radius": grains.radius, "mass": grains.mass, "velo": grains.velocity}
+            named |= {name: getattr(grains, name) for name in ("spin", "angle", "inertia", "material")}
+            named |= exported(frame.grains)
+            columns, kinds = [], []
+            for name, values in named.items():
+                width = 1 if values.ndim == 1 else values.shape[1]
+                kinds.append(f"{name}:{'I' if values.dtype.kind in 'iu' else 'R'}:{width}")
+                columns.append([" ".join(map(repr, row)) for row in values.reshape(-1, width).tolist()])
+            lattice = " ".join(map(repr, cell.vectors.ravel().tolist()))
+            flags = " ".join("T" if p else "F" for p in cell.periodic)
+            law = json.dumps(json.dumps(law_to_dict(frame.law)))  # quoted, with inner quotes escaped
+            head = [f'Lattice="{lattice}"'] if cell.periodic.any() else []
+            head += [f'pbc="{flags}"', f"Properties=species:S:1:{':'.join(kinds)}"]
+            head += [f"time={frame.state.time!r}", f"dim={cell.dim}", f"law={law}"]
+            file.write(f"{len(grains.radius)}\n{' '.join(head)}\n")
+            file.writelines(f"X {' '.join(row)}\n" for row in zip(*columns, strict=True))
     lost = ["contacts and their memory", *list_losses(frames[0], law=False)]
     return [f"extended XYZ does not store {', '.join(lost)}"]
-
-
-def _format_frame(frame: Frame) -> str:
-    grains, cell = frame.state.grains, frame.state.cell
-    named = {"pos": grains.position, "radius": grains.radius, "mass": grains.mass, "velo": grains.velocity}
-    named |= {"spin": grains.spin, "angle": grains.angle, "inertia": grains.inertia, "material": grains.material}
-    named |= exported(frame.grains)
-    columns, kinds = [], []
-    for name, values in named.items():
-        width = 1 if values.ndim == 1 else values.shape[1]
-        kinds.append(f"{name}:{'I' if values.dtype.kind in 'iu' else 'R'}:{width}")
-        columns.append([" ".join(map(repr, row)) for row in values.reshape(-1, width).tolist()])
-    lattice = " ".join(repr(v) for v in cell.vectors.ravel().tolist())
-    flags = " ".join("T" if p else "F" for p in cell.periodic)
-    law = json.dumps(json.dumps(law_to_dict(frame.law)))  # quoted, with inner quotes escaped
-    head = [f'Lattice="{lattice}"'] if cell.periodic.any() else []
-    head += [f'pbc="{flags}"', f"Properties=species:S:1:{':'.join(kinds)}"]
-    head += [f"time={frame.state.time!r}", f"dim={cell.dim}", f"law={law}"]
-    rows = (f"X {' '.join(row)}\n" for row in zip(*columns, strict=True))
-    return f"{len(grains.radius)}\n{' '.join(head)}\n{''.join(rows)}"
 
 
 def recognize_xyz(head: bytes) -> bool:
@@ -414,29 +410,26 @@ def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
     if not times:
         raise PackingError(f"{path} has EDEM queries but no line `TIME:` above them: export it with its header")
     names = times[::2]
-    packings = [_edem_time(path, names[k], times[2 * k + 1]) for k in chosen_frames(path, names, frame)]
+    packings = []
+    for k in chosen_frames(path, names, frame):
+        queries = QUERY.split(times[2 * k + 1])[1:]
+        lists = [re.findall(r"[^\s,;\"]+", values) for values in queries[1::2]]
+        most = max(map(len, lists), default=0)
+        columns: dict[str, np.ndarray] = {}
+        for query, words in zip(queries[::2], lists, strict=True):
+            if query in columns:
+                raise PackingError(
+                    f"{path} has the query {query!r} twice at time {names[k]}: export it once, for all particles"
+                )
+            if len(words) == most:
+                columns[query] = _parse(path, words)
+            elif not query.startswith("Total"):  # single numbers are left out
+                raise PackingError(
+                    f"{path} has {len(words)} values of {query!r} at time {names[k]}, but {most} of other queries"
+                )
+        packing = packing_of_columns(columns, path.name, names[k])
+        packings.append(packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))]))
     return _with_choice(path, names, frame, packings)
-
-
-def _edem_time(path: Path, name: str, text: str) -> Packing:
-    """Packing at one time; queries with single numbers, such as totals, are left out."""
-    queries = QUERY.split(text)[1:]
-    lists = [re.findall(r"[^\s,;\"]+", values) for values in queries[1::2]]
-    most = max(map(len, lists), default=0)
-    columns: dict[str, np.ndarray] = {}
-    for query, words in zip(queries[::2], lists, strict=True):
-        if query in columns:
-            raise PackingError(
-                f"{path} has the query {query!r} twice at time {name}: export it once, for all particles"
-            )
-        if len(words) != most and not query.startswith("Total"):
-            raise PackingError(
-                f"{path} has {len(words)} values of {query!r} at time {name}, but {most} of other queries"
-            )
-        if len(words) == most:
-            columns[query] = _parse(path, words)
-    packing = packing_of_columns(columns, path.name, name)
-    return packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))])
 
 
 def _parse(path: Path, words: list[str]) -> np.ndarray:

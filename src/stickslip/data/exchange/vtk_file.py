@@ -99,21 +99,18 @@ def _xml_columns(content: bytes, budget: Budget) -> dict[str, np.ndarray]:
     coded = b"base64" in tail.partition(b">")[0]
     appended = tail[tail.find(b"_") + 1 :]
     source = _Source(appended, coded, header, order, "compressor" in root.attrib, budget)
-    pieces = [columns for piece in root.iter("Piece") if len((columns := _piece(piece, source)).get("points", ()))]
+    pieces = []
+    for piece in root.iter("Piece"):
+        places, data = piece.find("Points/DataArray"), piece.findall("PointData/DataArray")
+        arrays = {"points": places} if places is not None else {}
+        arrays |= {array.get("Name", ""): array for array in data}
+        columns = {name: _array(array, source) for name, array in arrays.items() if array.get("type") in TYPES}
+        count = len(columns.get("points", ()))
+        if int(piece.get("NumberOfPoints", count)) != count:
+            raise ValueError(f"{piece.get('NumberOfPoints')} points are declared, but there are {count}")
+        pieces += [columns] if count else []
     names = [name for name in pieces[0] if all(name in piece for piece in pieces)] if pieces else []
     return {name: np.concatenate([piece[name] for piece in pieces]) for name in names}
-
-
-def _piece(piece: ElementTree.Element, source: _Source) -> dict[str, np.ndarray]:
-    """Columns of a piece of the grid."""
-    places, data = piece.find("Points/DataArray"), piece.findall("PointData/DataArray")
-    arrays = {"points": places} if places is not None else {}
-    arrays |= {array.get("Name", ""): array for array in data}
-    columns = {name: _array(array, source) for name, array in arrays.items() if array.get("type") in TYPES}
-    count = len(columns.get("points", ()))
-    if int(piece.get("NumberOfPoints", count)) != count:
-        raise ValueError(f"{piece.get('NumberOfPoints')} points are declared, but there are {count}")
-    return columns
 
 
 def _array(array: ElementTree.Element, source: _Source) -> np.ndarray:
