@@ -419,8 +419,15 @@ def _read_frame(path, file, number: int) -> Packing:
         raise PackingError(f"{path} is an animation of a mode, not a state: give the packing it was made from")
     parts = {}
     for noun, kind in NOUNS.items():
-        there = [name for name in kind._fields if f"{noun}/{name}" in meta["shapes"]]
-        fields = {name: _read_array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in there}
+        fields = {}
+        for name in kind._fields:
+            if (place := f"{noun}/{name}") in meta["shapes"]:
+                dtype, shape = np.dtype(meta["shapes"][place][0]), tuple(meta["shapes"][place][1])
+                if dtype.kind not in "biuf":
+                    raise ValueError(f"{place} has type {dtype}")
+                filled = np.prod(shape, dtype=int)
+                flat = file.file.read_chunk(number, PREFIX + place).astype(dtype) if filled else np.zeros(0, dtype)
+                fields[name] = flat.reshape(shape)
         if fields:  # only runs with dashpots store forces
             maker = {"contacts": restore_contacts, "bonds": restore_bonds}.get(noun)
             parts[noun] = maker(fields) if maker else kind(**fields)
@@ -432,15 +439,6 @@ def _read_frame(path, file, number: int) -> Packing:
     check(state)
     notes = [repeated_note(text) for text in meta.get("assumed", ())]
     return Packing(str(number), {}, notes, state=state, law=law_from_dict(meta["law"]))
-
-
-def _read_array(file, number: int, shapes: dict, name: str) -> np.ndarray:
-    dtype, shape = np.dtype(shapes[name][0]), tuple(shapes[name][1])
-    if dtype.kind not in "biuf":
-        raise ValueError(f"{name} has type {dtype}")
-    if not np.prod(shape, dtype=int):
-        return np.zeros(shape, dtype)
-    return file.read_chunk(number, PREFIX + name).astype(dtype).reshape(shape)
 
 
 def _read_foreign(frame):

@@ -120,7 +120,11 @@ def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
         ((at),) = chosen_frames(path, [f"{step:g}" for step in steps], frame)
         if frame is None and len(steps) > 1:
             notes.append(f"{path.name} has {len(steps)} frames: the last, {steps[at]:g}, is used; give another --frame")
-        grains, forces = (_rows_of(columns, steps[at]) for columns in (grains, forces))
+        tables = []
+        for table in (grains, forces):
+            times = _frame_column(table)
+            tables.append(table if times is None else {name: c[times == steps[at]] for name, c in table.items()})
+        grains, forces = tables
     elif frame is not None:
         raise PackingError(f"frame {frame!r} does not apply, as {path.name} has no frame column: leave it out")
     return _join(path, grains, contacts, forces, notes)
@@ -237,11 +241,6 @@ def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict, notes
         lacks = contacts if _frame_column(forces) is None else path
         raise PackingError(f"{lacks} needs a column frame, as the other table has {len(frames[0])} frames")
     return frames[0] if frames else np.zeros(0)
-
-
-def _rows_of(columns: dict[str, np.ndarray], step: float) -> dict[str, np.ndarray]:
-    frames = _frame_column(columns)
-    return columns if frames is None else {name: values[frames == step] for name, values in columns.items()}
 
 
 def _join(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> Lists:

@@ -508,19 +508,12 @@ def _set(run: Run, key: str, rest: list[str]) -> None:
     elif key == "labelmap" and rest[:1] == ["clear"]:
         run.labels.clear()
     elif key == "lattice":
-        run.settings[LATTICE] = _spacing_of(rest, run.settings)
-
-
-def _spacing_of(lattice: list[str], settings: dict[str, list[str]]) -> list[str]:
-    """Spacing of a lattice along x, y and z; empty if only the next line of a log contains it."""
-    style, scale = lattice[0] if lattice else "", (*numbers_in(lattice[1:]), 0.0)[0]
-    if style == "none":
-        return lattice[1:2] * 3
-    if len(lattice) != 2 or style not in NODES or not scale > 0:
-        return []
-    if settings.get("units", ["lj"]) == ["lj"]:  # a density
-        scale = (NODES[style] / scale) ** (1 / (2 if settings.get("dimension") == ["2"] else 3))
-    return [repr(scale)] * 3
+        style, scale, settings = rest[0] if rest else "", (*numbers_in(rest[1:]), 0.0)[0], run.settings
+        settings[LATTICE] = rest[1:2] * 3 if style == "none" else []  # of others, perhaps in the next line of a log
+        if style in NODES and len(rest) == 2 and scale > 0:
+            if settings.get("units", ["lj"]) == ["lj"]:  # a density
+                scale = (NODES[style] / scale) ** (1 / (2 if settings.get("dimension") == ["2"] else 3))
+            settings[LATTICE] = [repr(scale)] * 3
 
 
 def _define(run: Run, key: str, rest: list[str], place: str) -> None:

@@ -344,24 +344,19 @@ def walls_at(leg: Leg, elapsed: float):
     for w in range(len(point)):
         for k in range(state.cell.dim):
             rate, column = control.rate[n + w, k], int(control.follows[n + w, k])
-            if rate:
-                moved, factor = _course(leg, column, elapsed)
-                point[w, k] += rate * moved
-                velocity[w, k] = rate * factor
+            if not rate:
+                continue
+            moved, factor, end = elapsed, 1.0, leg.state.time + elapsed  # integral of the velocity, and its value
+            if column >= 0 and (wave := leg.waves.get(column)):
+                turn = 2 * np.pi * wave.frequency
+                first, last = (turn * (t - wave.start) + wave.phase for t in (leg.state.time, end))
+                moved, factor = wave.amplitude / turn * (np.cos(first) - np.cos(last)), float(wave(end))
+            elif column >= 0:
+                times, values = leg_course(leg, column, elapsed)
+                moved, factor = float(np.trapezoid(values, times)), float(factors_at(control, times[-1])[column])
+            point[w, k] += rate * moved
+            velocity[w, k] = rate * factor
     return state.walls._replace(point=point, velocity=velocity)
-
-
-def _course(leg: Leg, column: int, elapsed: float) -> tuple[float, float]:
-    """Varying velocity: its integral from the start of the leg, and its value."""
-    begin = leg.state.time
-    if column < 0:
-        return elapsed, 1.0
-    if wave := leg.waves.get(column):
-        turn = 2 * np.pi * wave.frequency
-        first, last = (turn * (t - wave.start) + wave.phase for t in (begin, begin + elapsed))
-        return wave.amplitude / turn * (np.cos(first) - np.cos(last)), float(wave(begin + elapsed))
-    times, values = leg_course(leg, column, elapsed)
-    return float(np.trapezoid(values, times)), float(factors_at(leg.state.control, times[-1])[column])
 
 
 SCRIPT, JOB = "run.sh", "job.slurm"

@@ -298,7 +298,20 @@ def check_law(law: Law, state: State) -> None:
         raise ScenarioError(f'LAMMPS does not have smooth Coulomb friction: use "sharp", {STAY}')
     if len(np.unique(state.grains.material)) > 1:
         raise ScenarioError(f"the LAMMPS input written here supports grains of one material only: {STAY[3:]}")
-    _check_memory(law)
+    entry = BUILTIN_LAWS[law.kind]
+    if entry.bonds:
+        raise ScenarioError(f"LAMMPS separates contacts of {entry.name} at 0.48 of the pull-off gap: {STAY[3:]}")
+    if law.properties & builtin.TWISTING:
+        raise ScenarioError(
+            "LAMMPS turns the spring of twisting moments to the direction of the present rate where their limit "
+            f"falls: {STAY[3:]}"
+        )
+    if (law.properties or entry.parameters) and not law.properties & builtin.LEVER:
+        names = {builtin.KEEPS_FORCE: "a memory of forces", builtin.ROLLING: "rolling moments"}
+        name = next((name for part, name in names.items() if law.properties & part), entry.name)
+        raise ScenarioError(
+            f'LAMMPS has {name} with lever arms R - δ/2 only: use lever = "overlap", or laws.with_lever, {STAY}'
+        )
     _check_moments(law, parameters_of(law, state))
     _check_dashpots(law, parameters_of(law, state), walls=len(state.walls.mass) > 0)
     if lacks_radius(law) and np.ptp(state.grains.radius) > 1e-12 * state.grains.radius.max():
@@ -314,26 +327,6 @@ def name_with_radius(law: Law) -> str:
     """Name of a law, with √R_eff if it lacks this factor."""
     name = BUILTIN_LAWS[law.kind].name
     return name.replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else name
-
-
-def _check_memory(law: Law) -> None:
-    """Raise ScenarioError if LAMMPS treats contact memory differently."""
-    if BUILTIN_LAWS[law.kind].bonds:
-        raise ScenarioError(
-            f"LAMMPS separates contacts of {BUILTIN_LAWS[law.kind].name} at 0.48 of the pull-off gap: {STAY[3:]}"
-        )
-    if law.properties & builtin.TWISTING:
-        raise ScenarioError(
-            "LAMMPS turns the spring of twisting moments to the direction of the present rate where their limit "
-            f"falls: {STAY[3:]}"
-        )
-    granular = law.properties or BUILTIN_LAWS[law.kind].parameters
-    if granular and not law.properties & builtin.LEVER:
-        names = {builtin.KEEPS_FORCE: "a memory of forces", builtin.ROLLING: "rolling moments"}
-        name = next((name for part, name in names.items() if law.properties & part), BUILTIN_LAWS[law.kind].name)
-        raise ScenarioError(
-            f'LAMMPS has {name} with lever arms R - δ/2 only: use lever = "overlap", or laws.with_lever, {STAY}'
-        )
 
 
 def _check_moments(law: Law, q: np.ndarray) -> None:

@@ -120,6 +120,9 @@ def watched_balance(step: Column, residual: Column, limit: float):
 
 
 RELOAD = 10  # time after which the page reloads [s]
+CHARTED = (
+    "pressure", "shear_stress", "coordination", "softest", "residual", "sliding", "contacts", "pairs", "growth_rate"
+)  # fmt: skip
 ROWS = 60  # largest number of rows of the table of frames
 HEADINGS = (
     "step", "contacts", "per grain", "sliding", "pressure", "shear/pressure", "unbalanced", "softest λ", "pairs",
@@ -135,7 +138,17 @@ def write_page(path: Path, place: Path, table: Path, done: Progress, how: dict) 
     usable = [row for row in rows if row.computed]
     sections = [("Newest frame", _newest(usable[-1], done) if usable else page.paragraph("No frame yet.", kind="soft"))]
     if usable:
-        sections.append(("Charts", _charts(usable)))
+        step = np.array([row.step for row in usable], float)
+        known = {name: _series(usable, name) for name in CHARTED}
+        sliding = known["sliding"] / np.maximum(known["contacts"], 1)
+        growth = np.where(np.isfinite(known["pairs"]), np.nan_to_num(known["growth_rate"]), np.nan)
+        spectrum = watched_spectrum(step, known["softest"], growth, [verdict_word(row) for row in usable])
+        sections.append(("Charts", page.pictures({
+            "stress": render(watched_stress(step, known["pressure"], known["shear_stress"])),
+            "contacts": render(watched_contacts(step, known["coordination"], sliding)),
+            "softest mode, and fastest growing pair": render(spectrum),
+            "unbalanced force": render(watched_balance(step, known["residual"], BALANCED_BELOW)),
+        })))  # fmt: skip
         lines = [[str(row.step), *cells(row), verdict_word(row)] for row in reversed(rows[-ROWS:])]
         frames = page.table(list(HEADINGS), lines, classes=dict.fromkeys(HEADINGS[:-1], "number"))
         rest = f"And {len(rows) - ROWS} earlier ones" if len(rows) > ROWS else "All frames with all measures"
@@ -162,20 +175,6 @@ def _newest(row: Row, done: Progress) -> str:
             kind="warning",
         )
     return html
-
-
-def _charts(rows: list[Row]) -> str:
-    step = np.array([row.step for row in rows], float)
-    series = {name: _series(rows, name) for name in ("pressure", "shear_stress", "coordination", "softest", "residual")}
-    sliding = _series(rows, "sliding") / np.maximum(_series(rows, "contacts"), 1)
-    growth = np.where(np.isfinite(_series(rows, "pairs")), np.nan_to_num(_series(rows, "growth_rate")), np.nan)
-    verdicts = [verdict_word(row) for row in rows]
-    return page.pictures({
-        "stress": render(watched_stress(step, series["pressure"], series["shear_stress"])),
-        "contacts": render(watched_contacts(step, series["coordination"], sliding)),
-        "softest mode, and fastest growing pair": render(watched_spectrum(step, series["softest"], growth, verdicts)),
-        "unbalanced force": render(watched_balance(step, series["residual"], BALANCED_BELOW)),
-    })  # fmt: skip
 
 
 def _series(rows: list[Row], name: str) -> np.ndarray:

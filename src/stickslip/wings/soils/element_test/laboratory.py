@@ -265,17 +265,14 @@ def _differences(tables: list[dict], test: dict, pairs: list[tuple[str, str]], u
         )
         reach = min(np.abs(test[x]).max(), *(np.abs(table[x]).max() for table in tables))
         grid = np.linspace(0, 1, 101) * reach * np.sign(test[x][np.abs(test[x]).argmax()])
-        curves = [_at(grid, table[x], table[y]) for table in (test, *tables)]
+        curves = []  # along their first branch
+        for table in (test, *tables):
+            end = int(np.abs(table[x]).argmax()) + 1
+            sign = np.sign(table[x][end - 1])
+            order = np.argsort(sign * table[x][:end], kind="stable")
+            curves.append(np.interp(sign * grid, sign * table[x][:end][order], table[y][:end][order]))
         off = float(np.sqrt(np.mean((np.mean(curves[1:], axis=0) - curves[0]) ** 2)))
         yield (
             f"Up to a strain of {reach:.3g} the mean of the samples differs by {off:.3g}{words} (rms) from the {label} "
             f"of {name}."
         )
-
-
-def _at(grid: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values of a curve at points along its first branch."""
-    end = int(np.abs(x).argmax()) + 1
-    sign = np.sign(x[end - 1])
-    order = np.argsort(sign * x[:end], kind="stable")
-    return np.interp(sign * grid, sign * x[:end][order], y[:end][order])

@@ -69,7 +69,26 @@ def eigenvalue_before_events(events: _Table):
         top.legend(loc="lower left")
     label_axes(top, x=BEFORE, y=r"$(\lambda/\lambda_{\rm far})^2$")
     top.set_title(f"real eigenvalue reaches zero: {_events(len(distance))}")
-    _sliding_contacts(bottom, events)
+    distance, ratio, switched = _ratios(events, "sliding")
+    for x, y in zip(distance[:LINES], ratio[:LINES], strict=True):
+        bottom.plot(x, y, color=BLUE, lw=0.5, alpha=0.35)
+    bottom.axhline(0, color=BLACK, lw=0.6)
+    bottom.set_xscale("log")
+    bottom.set_yscale("symlog", linthresh=2)
+    label_axes(bottom, x=BEFORE, y=r"$\lambda/\lambda_{\rm far}$")
+    if len(distance):
+        x = np.nanmedian(distance, axis=0)
+        bottom.plot(x, np.nanmedian(ratio, axis=0), "o-", color=BLACK, ms=3, label="median")
+        right = np.nanmin(distance) / 10
+        spread = right * 2.0 ** np.linspace(-0.7, 0.7, min(LINES, len(switched)))
+        bottom.plot(spread, switched[:LINES], ".", color=RED, ms=3, label="its contact set to slide")
+        bottom.axvline(3 * right, color=BLACK, lw=0.6, ls=":")
+        bottom.set_xlim(2 * np.nanmax(distance), right / 3)
+        bottom.xaxis.set_major_locator(LogLocator(subs=(1.0,)))
+        bottom.xaxis.set_major_formatter(FuncFormatter(lambda x, _: _power(x) if x > 3 * right else ""))
+        bottom.xaxis.set_minor_locator(NullLocator())
+        bottom.legend(loc="lower left")
+    bottom.set_title(f"a contact starts to slide: {_events(len(distance))}")
     return figure
 
 
@@ -80,29 +99,6 @@ def _ratios(events, kind: str):
     far = softest[:, :1] if softest.shape[1] else np.full((len(softest), 1), np.nan)
     good = (np.isfinite(far) & (far > 0))[:, 0]
     return distance[good], softest[good] / far[good], events["switched"][rows][good] / far[good, 0]
-
-
-def _sliding_contacts(axes, events) -> None:
-    distance, ratio, switched = _ratios(events, "sliding")
-    for x, y in zip(distance[:LINES], ratio[:LINES], strict=True):
-        axes.plot(x, y, color=BLUE, lw=0.5, alpha=0.35)
-    axes.axhline(0, color=BLACK, lw=0.6)
-    axes.set_xscale("log")
-    axes.set_yscale("symlog", linthresh=2)
-    label_axes(axes, x=BEFORE, y=r"$\lambda/\lambda_{\rm far}$")
-    if len(distance):
-        x = np.nanmedian(distance, axis=0)
-        axes.plot(x, np.nanmedian(ratio, axis=0), "o-", color=BLACK, ms=3, label="median")
-        right = np.nanmin(distance) / 10
-        spread = right * 2.0 ** np.linspace(-0.7, 0.7, min(LINES, len(switched)))
-        axes.plot(spread, switched[:LINES], ".", color=RED, ms=3, label="its contact set to slide")
-        axes.axvline(3 * right, color=BLACK, lw=0.6, ls=":")
-        axes.set_xlim(2 * np.nanmax(distance), right / 3)
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0,)))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: _power(x) if x > 3 * right else ""))
-        axes.xaxis.set_minor_locator(NullLocator())
-        axes.legend(loc="lower left")
-    axes.set_title(f"a contact starts to slide: {_events(len(distance))}")
 
 
 def _power(x: float) -> str:

@@ -249,21 +249,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     cause a larger overlap.
     """
     lightest, r_eff = float(mass.min()), float(radius.min()) / 2
-    depth = _largest_overlap(scenario, law, r_eff, float(mass[: len(radius)].max()))
-    unit = float(np.sqrt(lightest / largest_stiffness(law, r_eff, depth)))
-    if scenario.dt is not None and scenario.dt > LIMIT * unit:
-        raise ScenarioError(
-            f"dt = {scenario.dt:g} exceeds the largest stable value for six contacts on the lightest grain, "
-            f"{LIMIT * unit:.3g}: use a smaller one, or leave dt out to use {SAFETY * unit:.3g}"
-        )
-    dt = scenario.dt or SAFETY * unit
-    texts = f"with dt = {dt:.3g}, the stages take", "use softer grains or shorter stages"
-    require_sizes([Size(texts[0], scenario.duration / dt, "time steps", texts[1])], ScenarioError)
-    return dt
-
-
-def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: float) -> float:
-    """Return the overlap [length] at which a contact carries the largest force and stores the collision energy."""
+    # the overlap at which a contact carries the largest force and stores the energy of the collision
     gravities = [g for g in (scenario.gravity, *(s.gravity for s in scenario.stages)) if g is not None]
     g = max((float(np.linalg.norm(v)) for v in gravities), default=0.0)
     height = float(np.linalg.norm(np.subtract(scenario.grains.high, scenario.grains.low)))
@@ -280,13 +266,22 @@ def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: f
     span = scenario.cell.size or np.subtract(scenario.grains.high, scenario.grains.low)
     share = np.prod([4 * r_eff / span[k] for k in range(scenario.grains.dim) if k != 1])
     static = max(pushes, default=0.0) * min(float(share), 1.0)
-    energy = 0.25 * heaviest * speed**2
+    energy = 0.25 * float(mass[: len(radius)].max()) * speed**2
     low, high = 0.0, 2 * r_eff
     for _ in range(60):  # up to one radius, beyond which no law is meaningful
         middle = 0.5 * (low + high)
         force, stored = evaluate(law, "force", "energy", overlap=middle, r_eff=r_eff)
         low, high = (middle, high) if stored < energy or force < static else (low, middle)
-    return max(high, 1e-12 * r_eff)
+    unit = float(np.sqrt(lightest / largest_stiffness(law, r_eff, max(high, 1e-12 * r_eff))))
+    if scenario.dt is not None and scenario.dt > LIMIT * unit:
+        raise ScenarioError(
+            f"dt = {scenario.dt:g} exceeds the largest stable value for six contacts on the lightest grain, "
+            f"{LIMIT * unit:.3g}: use a smaller one, or leave dt out to use {SAFETY * unit:.3g}"
+        )
+    dt = scenario.dt or SAFETY * unit
+    texts = f"with dt = {dt:.3g}, the stages take", "use softer grains or shorter stages"
+    require_sizes([Size(texts[0], scenario.duration / dt, "time steps", texts[1])], ScenarioError)
+    return dt
 
 
 def lammps_of(scenario: FlowScenario, start: Poured, folder: Path | None) -> Engine:
