@@ -1,4 +1,4 @@
-"""Files of a run folder: their names, atomic replacement, the manifest with their digests, and the lock.
+"""Run folders: names of files and their atomic replacement, the manifest with their digests, and the lock.
 
 Experiments list further files in `writes`. A file is written under a temporary name in the same folder, flushed to
 disk, and renamed. A file that does not match the manifest was written by something else: runs replace or remove it only

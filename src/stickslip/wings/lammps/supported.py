@@ -1,4 +1,4 @@
-"""A leg in terms of LAMMPS: what it can run, atom types, rigid groups, and formulas for a cell that deforms.
+"""A leg in terms of LAMMPS: supported conditions, atom types, rigid groups, and formulas for a deforming cell.
 
 A cell may also follow a stress. LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. It
 moves grains with their laboratory velocities u = v + L x at mid-step, where v are the velocities used here. The effect
