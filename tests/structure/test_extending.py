@@ -131,8 +131,7 @@ FORMAT = '''\
 import numpy as np
 
 from ..run_files import replace_atomically
-from .columns import mass_note
-from .content import Packing, extent_note, only_state, read_lines
+from .columns import Packing, extent_note, mass_note, only_state, read_lines
 
 
 def recognize(head):
