@@ -23,7 +23,7 @@ from stickslip.loading.event_class import fit_power, vanishes
 from stickslip.loading.events import FINER
 from stickslip.runs.folder import write_result
 from stickslip.wings.studies.catalogue import figures as figures
-from stickslip.wings.studies.catalogue.report import (
+from stickslip.wings.studies.catalogue.simulate import (
     PREDICTORS,
     Skill,
     Table,

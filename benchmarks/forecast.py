@@ -19,7 +19,7 @@ import stickslip as ss
 from stickslip.core.progress import NotInEquilibriumError
 from stickslip.loading.event_path import CALIBRATED, LEVEL, SADDLE, extrapolations, forecast, zero_of_power
 from stickslip.loading.failure import complete_path, follow, signs_of
-from stickslip.wings.studies.catalogue.report import read_table
+from stickslip.wings.studies.catalogue.simulate import read_table
 
 from .records import number, write_block
 

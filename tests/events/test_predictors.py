@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from stickslip.wings.studies.catalogue.report import event_table, label_steps, resampled_skill, roc, skills, step_table
+from stickslip.wings.studies.catalogue.simulate import (
+    event_table,
+    label_steps,
+    resampled_skill,
+    roc,
+    skills,
+    step_table,
+)
 from tests.events.made import samples
 
 

@@ -7,7 +7,7 @@ Here the law is linear with sharp friction and μ = 10.
 import pytest
 
 import stickslip as ss
-from stickslip.wings.studies.catalogue.report import predictor_skills
+from stickslip.wings.studies.catalogue.simulate import predictor_skills
 
 SCENARIO = {
     "experiment": "catalogue", "events": 40, "packings": 20, "seed": 500,

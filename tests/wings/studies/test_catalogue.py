@@ -12,8 +12,8 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.runs.folder import write_result
 from stickslip.wings.studies.catalogue import figures as figures
-from stickslip.wings.studies.catalogue import read_table, report, simulate
-from stickslip.wings.studies.catalogue.report import (
+from stickslip.wings.studies.catalogue import read_table, simulate
+from stickslip.wings.studies.catalogue.simulate import (
     MEASURES,
     event_table,
     rows_of,
@@ -261,8 +261,8 @@ def test_figures_show_the_events():
 def test_a_run_without_events_is_still_reported(monkeypatch, capsys):
     monkeypatch.setattr(simulate, "find_events", lambda state, law, **o: events_of(0, 0, state, o["step"]))
     result = ss.simulate(scenario(packings=1), workers=1)
-    assert result.number == 0 and list(report.figures(result)) == []
-    report.show(result)
+    assert result.number == 0 and list(simulate.figures(result)) == []
+    simulate.show(result)
     assert "0 events in 1 packing," in capsys.readouterr().out
     numbers = {name: value for name, (value, _) in MEASURES(result).items()}
     assert numbers["events_per_strain"] == 0 and np.isnan(numbers["saddle_node_exponent"])
