@@ -80,8 +80,14 @@ def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Comm
                 continue
             for command in _commands(source, number, line, step, log=log, after=last):
                 yield command
-                last, step = command, _step_after(command.words, step)
-                k += _answer_lines(line, lines[k:][:MOST_QUOTED]) if log and command.words[0] == "print" else 0
+                last, words = command, command.words
+                if words[0] in (VERSION, "clear"):
+                    step = 0
+                elif words[0] == "reset_timestep":
+                    step = int(words[1]) if words[1:] and words[1].isdecimal() else None
+                elif words[0] in ("read_restart", "read_dump", "rerun"):
+                    step = None
+                k += _answer_lines(line, lines[k:][:MOST_QUOTED]) if log and words[0] == "print" else 0
 
 
 def _logical_lines(text: str, *, log: bool) -> Iterator[tuple[int, str]]:
@@ -127,15 +133,6 @@ def _answer_lines(line: str, after: Sequence[str]) -> int:
     if "$" in text and not re.search(r"\b(screen|universe)\s+no\b", line):
         return len(got)
     return len(got) if got == [line.strip() for line in wanted] else 0
-
-
-def _step_after(words: list[str], step: int | None) -> int | None:
-    """Time step after a command that sets it; None if unknown."""
-    if words[0] in (VERSION, "clear"):
-        return 0
-    if words[0] == "reset_timestep":
-        return int(words[1]) if words[1:] and words[1].isdecimal() else None
-    return None if words[0] in ("read_restart", "read_dump", "rerun") else step
 
 
 def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str]) -> tuple[Block, int]:
