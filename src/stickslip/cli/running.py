@@ -159,7 +159,7 @@ def _reproduce_in(
     """Run or continue a paper's experiment in a folder."""
     from ..experiments.registry import papers
     from ..reports import terminal
-    from ..reports.claims_report import show_claims
+    from ..reports.claims import show_claims
     from ..runs import json_output
     from ..runs.folder import write_reproduction
 

@@ -43,7 +43,7 @@ from ..experiments.experiment import Experiment, named_measures
 from ..experiments.registry import is_run_file, list_files, papers, read_tables
 from ..experiments.registry import read_scenario as read_scenario
 from ..figures.saving import FORMATS, PLAIN, WIDTHS, Look, render_all
-from ..reports.claims_report import write_claims
+from ..reports.claims import write_claims
 from ..reports.terminal import console
 
 
