@@ -253,7 +253,7 @@ def stability(
                 more = compute_details(state, its_law, result, report=tell)
             cement = None
             if state.bonds and result.balanced:
-                from ..reports.bonds import compute_bonds
+                from ..reports.details import compute_bonds
 
                 cement = compute_bonds(state, its_law)
             form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None

@@ -1,4 +1,7 @@
-"""Details of `stickslip stability --more`: participation ratios, moduli, transient growth, decisive contacts."""
+"""Details of `stickslip stability`: participation ratios, moduli, transient growth, decisive contacts (`--more`).
+
+Also the bonds of a packing: which ones decide, and which break first under strains.
+"""
 
 from typing import NamedTuple
 
@@ -8,6 +11,9 @@ from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
 from ..core.state import State
 from ..core.units import unit_name, with_unit
+from ..loading.settling import MODES, deformation
+from ..solve.balance import balanced
+from ..solve.bond_failure import NEVER, DecisiveBonds, FirstBreak, break_along, decisive_bonds
 from ..solve.moduli import ElasticModuli, elastic_moduli, voigt
 from ..solve.sensitivity import ContactSensitivity, contact_sensitivity
 from ..solve.spectrum import participation_ratio
@@ -68,11 +74,14 @@ def to_dict(more: Details) -> dict:
     return {
         "participation_ratio": [float(p) for p in more.participation],
         "moduli": None if isinstance(m, str) else _moduli_dict(m),
-        "transient": None if isinstance(t, str) else _transient_dict(t),
+        "transient": None if isinstance(t, str) else {
+            **{name: float(getattr(t, name)) for name in ("amplitude", "time", "bound", "of_pair")},
+            "norm": t.norm, "duration": float(t.times[-1]), "pair": [float(w) for w in t.pair],
+        },
         "contacts": None if isinstance(s, str) else [_contact_dict(s, k) for k in range(min(CONTACTS, len(s.contact)))],
         "contacts_scope": "" if isinstance(s, str) else s.scope,
         "reasons": {name: part for name, part in parts.items() if isinstance(part, str)},
-    }
+    }  # fmt: skip
 
 
 def _moduli_dict(m: ElasticModuli) -> dict:
@@ -80,12 +89,6 @@ def _moduli_dict(m: ElasticModuli) -> dict:
     tensors = {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
     numbers = {name: float(getattr(m, name)) for name in names}
     return {name: value if np.isfinite(value) else None for name, value in numbers.items()} | tensors
-
-
-def _transient_dict(t: TransientGrowth) -> dict:
-    names = ("amplitude", "time", "bound", "of_pair")
-    rest = {"norm": t.norm, "duration": float(t.times[-1]), "pair": [float(w) for w in t.pair]}
-    return {name: float(getattr(t, name)) for name in names} | rest
 
 
 def _contact_dict(s: ContactSensitivity, k: int) -> dict:
@@ -156,3 +159,94 @@ def _show_contacts(s: ContactSensitivity, n: int) -> None:
         row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, text]
         table.add_row(*row, *([f"{slope[s.contact[k]]:.3g}"] if slope else []))
     show_table(table)
+
+
+BONDS = 5  # decisive bonds in a table
+
+
+class BondDetails(NamedTuple):
+    """Computed quantities, or the reason why they could not be computed."""
+
+    decisive: DecisiveBonds | str
+    breaks: dict[tuple[str, int], FirstBreak] | str  # by mode of deformation and sign
+
+
+def compute_bonds(state: State, law: Law) -> BondDetails:
+    """Compute the decisive bonds of a packing in equilibrium, and the first ones to break under a few strains."""
+    return BondDetails(attempt(decisive_bonds, state, law), attempt(_first_breaks, state, law))
+
+
+def _first_breaks(state: State, law: Law) -> dict[tuple[str, int], FirstBreak]:
+    here, dim = balanced(state, law), state.cell.dim
+    moduli, out = elastic_moduli(here.state, law), {}
+    for mode in MODES:
+        for sign in (1, -1):
+            gradient = deformation(mode, 2 if dim == 2 else 3, sign).gradient
+            out[mode, sign] = break_along(here, moduli, gradient[:dim, :dim])
+    return out
+
+
+def bonds_dict(found: BondDetails) -> dict:
+    """Return them for JSON: null for quantities with an entry in `reasons`."""
+    decisive, breaks = found
+    return {
+        "decisive": None if isinstance(decisive, str) else {
+            "re_lambda": decisive.eigenvalue.real, "im_lambda": decisive.eigenvalue.imag, "verdict": decisive.verdict,
+            "bonds": [
+                {
+                    "bond": int(decisive.bond[k]), "grains": [int(decisive.i[k]), int(decisive.j[k])],
+                    "derivative": [decisive.derivative[k].real, decisive.derivative[k].imag],
+                    "share": float(decisive.share[k]), "verdict_after": str(decisive.verdict_after[k]) or None,
+                }
+                for k in range(len(decisive.bond))
+            ],
+        },
+        "first_breaks": None if isinstance(breaks, str) else [
+            {
+                "mode": mode, "sign": sign, "amount": one.at if np.isfinite(one.at) else None, "bond": one.bond,
+                "grains": list(one.pair), "by": one.mode,
+            }
+            for (mode, sign), one in breaks.items()
+        ],
+        "reasons": {name: part for name, part in found._asdict().items() if isinstance(part, str)},
+    }  # fmt: skip
+
+
+def show_bonds(found: BondDetails) -> None:
+    """Print them."""
+    decisive, breaks = found
+    if isinstance(decisive, str):
+        console.print(f"\ndecisive bonds: none, {decisive}")
+    else:
+        _show_decisive(decisive)
+    if isinstance(breaks, str):
+        console.print(f"\nfirst bond to break: none, {breaks}")
+    else:
+        console.print("\nfirst bond to break as a strain grows, by linear response")
+        table = new_table("strain", "bond of grains", "at", "by", left=("strain", "by"))
+        for (mode, sign), one in breaks.items():
+            words = mode if sign > 0 else f"{mode}, reversed"
+            if one.bond < 0:
+                table.add_row(words, "–", "–", "never")
+            else:
+                table.add_row(words, "{}–{}".format(*one.pair), f"{one.at:.4g}", one.mode)
+        show_table(table)
+
+
+def _show_decisive(found: DecisiveBonds) -> None:
+    value = found.eigenvalue
+    name = "softest mode" if found.verdict == "stable" else "growing mode"
+    imaginary = f" ± {abs(value.imag):.4g}i" if value.imag else ""
+    console.print(f"\nbonds that decide the {name}, {with_unit(f'λ = {value.real:.4g}{imaginary}', '1/time^2')}")
+    table = new_table("grains", "∂ln|λ|/∂ln k", "share of strength", "if it breaks", left=("if it breaks",))
+    for k in range(min(BONDS, len(found.bond))):
+        slope, share = (found.derivative[k] / value).real, found.share[k]
+        table.add_row(
+            f"{found.i[k]}–{found.j[k]}",
+            f"{slope:.3g}",
+            f"{share:.3g}" if share > 1 / NEVER else "–",
+            found.verdict_after[k] or "?",
+        )
+    show_table(table)
+    if len(found.bond) > BONDS:
+        console.print(f"  and {len(found.bond) - BONDS} more with --json")

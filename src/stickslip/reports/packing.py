@@ -29,8 +29,7 @@ from .terminal import console, new_table, show_table
 if TYPE_CHECKING:  # needed by a few options only, otherwise not loaded
     from ..solve.birth import BirthForm
     from ..solve.gradient import VerdictProbability
-    from .bonds import BondDetails
-    from .details import Details
+    from .details import BondDetails, Details
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
 UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
@@ -249,9 +248,9 @@ def to_dict(
 
         out["more"] = details.to_dict(more)
     if bonds:
-        from . import bonds as cement
+        from . import details
 
-        out["bonds"] = cement.to_dict(bonds)
+        out["bonds"] = details.bonds_dict(bonds)
     if form:
         out["after"] = {"reason": form} if isinstance(form, str) else _form_dict(form)
     return out
@@ -318,9 +317,9 @@ def show(
 
         details.show(more, result)
     if bonds:
-        from . import bonds as cement
+        from . import details
 
-        cement.show(bonds)
+        details.show_bonds(bonds)
     if form:
         _show_form(form)
 
