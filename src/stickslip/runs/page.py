@@ -28,7 +28,7 @@ from ..reports.page import MODES, PageContent, describe_growth, packing_content
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import stability
 from .sweep.dataset import DATASET, comparison_files, is_sweep, open_sweep
-from .sweep.report import describe_empty
+from .sweep.run import describe_empty
 
 SMALL = 500  # number of grains up to which the states of a run are searched for an unstable one
 READABLE = {  # explanations of quantities with short names
