@@ -171,12 +171,6 @@ from .data.schema import validate_scenario as validate_scenario
 from .ensemble import Member as Member
 from .ensemble import Workers as Workers
 from .ensemble import reach as reach
-from .experiments.experiment import Comparison as Comparison
-from .experiments.experiment import Experiment as Experiment
-from .experiments.experiment import Paper as Paper
-from .experiments.experiment import Reproduction as Reproduction
-from .experiments.experiment import SweepMember as SweepMember
-from .experiments.experiment import result_of as result_of
 from .experiments.quantities import Estimate as Estimate
 from .experiments.quantities import Measures as Measures
 from .experiments.quantities import Quantities as Quantities
@@ -188,6 +182,12 @@ from .experiments.realizations import Realizations as Realizations
 from .experiments.realizations import Task as Task
 from .experiments.realizations import open_device as open_device
 from .experiments.realizations import run_realizations as run_realizations
+from .experiments.registry import Comparison as Comparison
+from .experiments.registry import Experiment as Experiment
+from .experiments.registry import Paper as Paper
+from .experiments.registry import Reproduction as Reproduction
+from .experiments.registry import SweepMember as SweepMember
+from .experiments.registry import result_of as result_of
 from .experiments.samples import law_references as law_references
 from .experiments.samples import make_law as make_law
 from .experiments.samples import make_packing as make_packing

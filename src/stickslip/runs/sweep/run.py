@@ -30,8 +30,7 @@ from ...data.manifest import add_to_manifest, check_hidden, find_foreign, read_m
 from ...data.run_files import NUMBERS, OPTIONS, SCENARIO, foreign_files_message, write_atomically
 from ...data.schema import ScenarioBase
 from ...ensemble import Workers, reach, run_members, trial
-from ...experiments.experiment import named_measures
-from ...experiments.registry import experiment_of, is_run_file, list_files
+from ...experiments.registry import experiment_of, is_run_file, list_files, named_measures
 from ...figures.saving import PLAIN, Look
 from ...reports.terminal import console, format_duration, new_table, progress, show_lines, show_table
 from ..folder import check_writable, read_json, staged_results, write_numbers, write_result
