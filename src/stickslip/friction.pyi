@@ -17,6 +17,10 @@ from .wings.faults.friction.laboratory import record_data as record_data
 from .wings.faults.friction.laboratory import steady_mean as steady_mean
 from .wings.faults.friction.laboratory import steady_start as steady_start
 from .wings.faults.friction.laboratory import write_csv as write_csv
+from .wings.faults.friction.laws import RateState as RateState
+from .wings.faults.friction.laws import Spring as Spring
+from .wings.faults.friction.laws import prescribed as prescribed
+from .wings.faults.friction.laws import spring_slider as spring_slider
 from .wings.faults.friction.loads import LoadStep as LoadStep
 from .wings.faults.friction.loads import find_steps as find_steps
 from .wings.faults.friction.loads import load_steps as load_steps
@@ -25,10 +29,6 @@ from .wings.faults.friction.loads import stated_steps as stated_steps
 from .wings.faults.friction.loads import velocity_steps as velocity_steps
 from .wings.faults.friction.model import Data as Data
 from .wings.faults.friction.model_comparison import compare_laws as compare_laws
-from .wings.faults.friction.ratestate import RateState as RateState
-from .wings.faults.friction.ratestate import Spring as Spring
-from .wings.faults.friction.ratestate import prescribed as prescribed
-from .wings.faults.friction.ratestate import spring_slider as spring_slider
 from .wings.faults.friction.sampling import posterior as posterior
 from .wings.faults.friction.stability import cohesive_length as cohesive_length
 from .wings.faults.friction.stability import critical_stiffness as critical_stiffness

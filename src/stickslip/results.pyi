@@ -41,8 +41,8 @@ from .wings.faults.friction.fitting import Fit as Fit
 from .wings.faults.friction.laboratory import Healing as Healing
 from .wings.faults.friction.laboratory import HoldResponse as HoldResponse
 from .wings.faults.friction.laboratory import Mean as Mean
+from .wings.faults.friction.laws import SlipHistory as SlipHistory
 from .wings.faults.friction.model_comparison import LawComparison as LawComparison
-from .wings.faults.friction.ratestate import SlipHistory as SlipHistory
 from .wings.faults.friction.sampling import Posterior as Posterior
 from .wings.faults.friction.stability import Nucleation as Nucleation
 from .wings.faults.friction.stability import Sliding as Sliding

@@ -49,7 +49,7 @@ def test_what_breaks_on_the_way_is_reported_and_the_rest_goes_on(monkeypatch, ca
     def broken():
         raise TypeError("no\nsuch compiler")
 
-    monkeypatch.setattr("stickslip.wings.faults.friction.ratestate.selfchecks", broken)
+    monkeypatch.setattr("stickslip.wings.faults.friction.laws.selfchecks", broken)
     monkeypatch.setattr(doctor, "measure_array", lambda law: {})
     result = doctor.selfcheck()
     assert not result.ok

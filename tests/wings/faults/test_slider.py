@@ -7,10 +7,9 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
-from stickslip.wings.faults.friction import ratestate as closed
-from stickslip.wings.faults.friction.laws import rates
+from stickslip.wings.faults.friction import laws as closed
+from stickslip.wings.faults.friction.laws import End, RateState, Spring, prescribed, rates, slider_of, spring_slider
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
-from stickslip.wings.faults.friction.ratestate import End, RateState, Spring, prescribed, slider_of, spring_slider
 from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
 from tests.wings.faults.closed_forms import stiff_step
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ....kit import Report, checked, readable, silent, within
-from .laws import EVOLUTIONS, FORMS
+from .laws import EVOLUTIONS, FORMS, RateState
 from .model import (
     DEFAULTS,
     FIT,
@@ -47,7 +47,6 @@ from .problem import (
     solve,
     without_intervals,
 )
-from .ratestate import RateState
 
 MIN_INDEPENDENT = 3.0  # independent samples per parameter; with fewer, residuals are not noise
 MISFIT = (

@@ -6,8 +6,7 @@ import numpy as np
 
 from ....kit import checked, readable, require_positive
 from .fault import SEISMIC, Fault, check_fault
-from .laws import rates, slopes
-from .ratestate import RateState, Spring, check, check_spring, slider_of
+from .laws import RateState, Spring, check, check_spring, rates, slider_of, slopes
 
 
 @readable

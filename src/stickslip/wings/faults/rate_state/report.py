@@ -8,7 +8,7 @@ import numpy as np
 
 from ....kit import Comparison, Measures, Quantity, SweepMember, archive, archive_fields, console, new_table, show_table
 from ..friction.laboratory import LabRecord, passing_velocity, recurrence, repeated_slip, write_csv
-from ..friction.ratestate import steady_friction
+from ..friction.laws import steady_friction
 from . import figures as figures_of
 from .simulate import SliderResult
 
