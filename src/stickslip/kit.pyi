@@ -209,16 +209,14 @@ from .figures.outlines import body_limits as body_limits
 from .figures.outlines import outside as outside
 from .figures.outlines import outside_words as outside_words
 from .figures.outlines import zoomed as zoomed
-from .figures.saving import FORMATS as FORMATS
-from .figures.saving import PLAIN as PLAIN
-from .figures.saving import render as render
-from .figures.saving import render_all as render_all
 from .figures.style import BLACK as BLACK
 from .figures.style import BLUE as BLUE
 from .figures.style import COLORS as COLORS
+from .figures.style import FORMATS as FORMATS
 from .figures.style import GREEN as GREEN
 from .figures.style import ORANGE as ORANGE
 from .figures.style import PAGE as PAGE
+from .figures.style import PLAIN as PLAIN
 from .figures.style import PURPLE as PURPLE
 from .figures.style import RED as RED
 from .figures.style import SKY as SKY
@@ -231,6 +229,8 @@ from .figures.style import label_axes as label_axes
 from .figures.style import legend_above as legend_above
 from .figures.style import plot_fast as plot_fast
 from .figures.style import power_of_ten as power_of_ten
+from .figures.style import render as render
+from .figures.style import render_all as render_all
 from .figures.style import styled as styled
 from .figures.style import subplots as subplots
 from .lazy import attach as attach

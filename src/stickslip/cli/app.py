@@ -161,7 +161,7 @@ class FigureOptions(NamedTuple):
 
     def look(self):
         """Return the look of figures; raise ValueError for an unavailable format or width."""
-        from ..figures.saving import FORMATS, WIDTHS, look_of
+        from ..figures.style import FORMATS, WIDTHS, look_of
 
         for kind in self.formats or ():
             check_choice("format", kind, FORMATS)

@@ -431,7 +431,7 @@ def report(
     their distribution, force chains, the strong network, and the anisotropies of contacts and forces.
     """
     from ..data.run_files import PAGE
-    from ..figures.saving import FORMATS
+    from ..figures.style import FORMATS
     from ..reports import page, terminal
     from ..runs.page import is_run, load_content
 

@@ -19,8 +19,8 @@ from .animation import movie as movie
 from .claims import claims_chart as claims_chart
 from .grains import packing as packing
 from .network import forces as forces
-from .saving import Look as Look
-from .saving import save as save
+from .style import Look as Look
+from .style import save as save
 from .view3d import view as view
 
 __all__ = [

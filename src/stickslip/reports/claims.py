@@ -16,7 +16,7 @@ from ..data.run_files import CHART, CLAIMS, NOTES
 
 if TYPE_CHECKING:  # these need Matplotlib
     from ..figures.claims import Row
-    from ..figures.saving import Look
+    from ..figures.style import Look
 
 REPRODUCED, PARTLY, NOT_REPRODUCED = "reproduced", "partly", "not reproduced"
 REFUTED, NOT_REFUTED = "refuted", "not refuted"
@@ -295,7 +295,7 @@ def write_claims(
 ) -> None:
     """Write claims.json, claims.md and claims.png; `failures` are sentences, printed and listed in claims.md."""
     from ..figures.claims import claims_chart
-    from ..figures.saving import PLAIN, render_all
+    from ..figures.style import PLAIN, render_all
     from .terminal import console
 
     for failure in failures:

@@ -29,7 +29,7 @@ from ..figures.grains import count_outside, layout_of, packing
 from ..figures.network import enough_contacts, forces
 from ..figures.outlines import DISPLACEMENT, Zoom, outside_words
 from ..figures.page import MARK
-from ..figures.saving import render
+from ..figures.style import render
 from ..loading.reading import read_packing
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import DENSE_UP_TO, stability

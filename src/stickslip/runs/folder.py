@@ -41,7 +41,7 @@ from ..data.run_files import (
 from ..data.schema import ScenarioBase
 from ..experiments.registry import Experiment, is_run_file, list_files, named_measures, papers, read_tables
 from ..experiments.registry import read_scenario as read_scenario
-from ..figures.saving import FORMATS, PLAIN, WIDTHS, Look, render_all
+from ..figures.style import FORMATS, PLAIN, WIDTHS, Look, render_all
 from ..reports.claims import write_claims
 from ..reports.terminal import console
 

@@ -12,7 +12,7 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.experiments.registry import named_measures
 from stickslip.experiments.samples import make_law
-from stickslip.figures.saving import render as png
+from stickslip.figures.style import render as png
 from stickslip.runs.page import folder_content
 from stickslip.wings.soils.element_test import simulate as element
 from stickslip.wings.soils.element_test.measures import MEASURES

@@ -18,7 +18,7 @@ from ...data.manifest import write_file
 from ...data.run_files import NUMBERS
 from ...data.schema import field_at, split_unit
 from ...experiments.registry import EXPERIMENTS, SweepMember, scenario_class
-from ...figures.saving import FORMATS, PLAIN, Look, render_all
+from ...figures.style import FORMATS, PLAIN, Look, render_all
 from .axes import Axis, short_names
 from .definition import Sweep, member, values_of
 

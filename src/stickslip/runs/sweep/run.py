@@ -31,7 +31,7 @@ from ...data.run_files import NUMBERS, OPTIONS, SCENARIO, foreign_files_message,
 from ...data.schema import ScenarioBase
 from ...ensemble import Workers, reach, run_members, trial
 from ...experiments.registry import experiment_of, is_run_file, list_files, named_measures
-from ...figures.saving import PLAIN, Look
+from ...figures.style import PLAIN, Look
 from ...reports.terminal import console, format_duration, new_table, progress, show_lines, show_table
 from ..folder import check_writable, read_json, staged_results, write_numbers, write_result
 from .axes import short_names
