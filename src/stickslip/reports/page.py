@@ -24,9 +24,9 @@ from ..data.sample import Obstacle, with_one_account
 from ..figures import animation as film
 from ..figures import page
 from ..figures import view3d as scene
+from ..figures.analyses import enough_contacts, forces
 from ..figures.animation import frames_between
 from ..figures.grains import count_outside, layout_of, packing
-from ..figures.network import enough_contacts, forces
 from ..figures.outlines import DISPLACEMENT, Zoom, outside_words
 from ..figures.page import MARK
 from ..figures.style import render
