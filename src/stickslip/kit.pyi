@@ -180,6 +180,9 @@ from .experiments.quantities import median as median
 from .experiments.quantities import quantities_of as quantities_of
 from .experiments.realizations import Realizations as Realizations
 from .experiments.realizations import Task as Task
+from .experiments.realizations import law_references as law_references
+from .experiments.realizations import make_law as make_law
+from .experiments.realizations import make_packing as make_packing
 from .experiments.realizations import open_device as open_device
 from .experiments.realizations import run_realizations as run_realizations
 from .experiments.registry import Comparison as Comparison
@@ -188,9 +191,6 @@ from .experiments.registry import Paper as Paper
 from .experiments.registry import Reproduction as Reproduction
 from .experiments.registry import SweepMember as SweepMember
 from .experiments.registry import result_of as result_of
-from .experiments.samples import law_references as law_references
-from .experiments.samples import make_law as make_law
-from .experiments.samples import make_packing as make_packing
 from .extras import MissingExtraError as MissingExtraError
 from .extras import install_command as install_command
 from .extras import require as require

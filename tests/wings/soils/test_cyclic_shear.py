@@ -12,8 +12,8 @@ from stickslip.cli import main
 from stickslip.core.arguments import checked
 from stickslip.core.dynamics.ledger import Ledger
 from stickslip.core.progress import NotInEquilibriumError
+from stickslip.experiments.realizations import make_law
 from stickslip.experiments.registry import named_measures
-from stickslip.experiments.samples import make_law
 from stickslip.figures.style import render as png
 from stickslip.wings.soils.cyclic_shear import measures, report
 from stickslip.wings.soils.cyclic_shear import simulate as cyclic

@@ -10,8 +10,8 @@ from matplotlib import pyplot as plt
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.experiments.realizations import make_law
 from stickslip.experiments.registry import named_measures
-from stickslip.experiments.samples import make_law
 from stickslip.figures.style import render as png
 from stickslip.runs.page import folder_content
 from stickslip.wings.soils.element_test import simulate as element
