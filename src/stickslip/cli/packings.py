@@ -392,7 +392,7 @@ class ViewOptions(NamedTuple):
     def enlargement(self):
         """Zoom of figures; raise ValueError if it is not allowed."""
         from ..core.text import parse_number
-        from ..figures.outlines import check_zoom
+        from ..figures.scene import check_zoom
 
         zoom = "1" if self.zoom is None else self.zoom
         with suppress(ValueError):

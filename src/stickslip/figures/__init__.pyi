@@ -19,9 +19,9 @@ from .analyses import static_and_kinetic as static_and_kinetic
 from .animation import movie as movie
 from .claims import claims_chart as claims_chart
 from .grains import packing as packing
+from .scene import view as view
 from .style import Look as Look
 from .style import save as save
-from .view3d import view as view
 
 __all__ = [
     "Look",

@@ -16,7 +16,7 @@ from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, STICK, State
 from ..data.exchange.frame import Frame, frame_of
-from .outlines import (
+from .scene import (
     APART,
     ASIDE,
     Mode,

@@ -22,13 +22,12 @@ from ..data.manifest import add_to_manifest, digest, find_foreign, read_manifest
 from ..data.run_files import FILM, PAGE, check_free, replace_atomically
 from ..data.sample import Obstacle, with_one_account
 from ..figures import animation as film
-from ..figures import page
-from ..figures import view3d as scene
+from ..figures import page, scene
 from ..figures.analyses import enough_contacts, forces
 from ..figures.animation import frames_between
 from ..figures.grains import count_outside, layout_of, packing
-from ..figures.outlines import DISPLACEMENT, Zoom, outside_words
 from ..figures.page import MARK
+from ..figures.scene import DISPLACEMENT, Zoom, outside_words
 from ..figures.style import render
 from ..loading.reading import read_packing
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message

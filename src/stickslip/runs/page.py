@@ -21,7 +21,7 @@ from ..data.sample import PackingError
 from ..experiments.registry import list_files
 from ..figures import page
 from ..figures.grains import bare_frame
-from ..figures.outlines import Zoom
+from ..figures.scene import Zoom
 from ..reports import claims as claims_table
 from ..reports.packing import growing_modes
 from ..reports.page import MODES, PageContent, describe_growth, packing_content
