@@ -8,6 +8,8 @@ from .wings.faults.friction.fault_state import FaultState as FaultState
 from .wings.faults.friction.fault_state import initial_state as initial_state
 from .wings.faults.friction.fault_state import perturbed_state as perturbed_state
 from .wings.faults.friction.fitting import fit as fit
+from .wings.faults.friction.inference import compare_laws as compare_laws
+from .wings.faults.friction.inference import posterior as posterior
 from .wings.faults.friction.laboratory import LabRecord as LabRecord
 from .wings.faults.friction.laboratory import healing as healing
 from .wings.faults.friction.laboratory import hold_response as hold_response
@@ -28,8 +30,6 @@ from .wings.faults.friction.loads import slide_hold_slide as slide_hold_slide
 from .wings.faults.friction.loads import stated_steps as stated_steps
 from .wings.faults.friction.loads import velocity_steps as velocity_steps
 from .wings.faults.friction.model import Data as Data
-from .wings.faults.friction.model_comparison import compare_laws as compare_laws
-from .wings.faults.friction.sampling import posterior as posterior
 from .wings.faults.friction.stability import cohesive_length as cohesive_length
 from .wings.faults.friction.stability import critical_stiffness as critical_stiffness
 from .wings.faults.friction.stability import critical_wavelength as critical_wavelength

@@ -38,12 +38,12 @@ from .solve.transient import TransientGrowth as TransientGrowth
 from .wings.faults.friction.fault_cycles import FaultHistory as FaultHistory
 from .wings.faults.friction.fault_record import FaultEvents as FaultEvents
 from .wings.faults.friction.fitting import Fit as Fit
+from .wings.faults.friction.inference import LawComparison as LawComparison
+from .wings.faults.friction.inference import Posterior as Posterior
 from .wings.faults.friction.laboratory import Healing as Healing
 from .wings.faults.friction.laboratory import HoldResponse as HoldResponse
 from .wings.faults.friction.laboratory import Mean as Mean
 from .wings.faults.friction.laws import SlipHistory as SlipHistory
-from .wings.faults.friction.model_comparison import LawComparison as LawComparison
-from .wings.faults.friction.sampling import Posterior as Posterior
 from .wings.faults.friction.stability import Nucleation as Nucleation
 from .wings.faults.friction.stability import Sliding as Sliding
 from .wings.status.complementarity import Complementarity as Complementarity

@@ -28,10 +28,9 @@ from ....kit import (
     write_file,
 )
 from ..friction.fitting import Fit, Solution, build_fit, solve_fit
+from ..friction.inference import PERCENTS, LawComparison, Posterior, compare_laws, gain_by, posterior, stiffness_doubt
 from ..friction.laboratory import LabRecord, read_record, record_columns, record_data
 from ..friction.model import Data
-from ..friction.model_comparison import LawComparison, compare_laws, gain_by, stiffness_doubt
-from ..friction.sampling import PERCENTS, Posterior, posterior
 from . import figures as figures
 
 NUMBERS, FIGURE = "fit.json", "fit.png"

@@ -11,10 +11,10 @@ from scipy.special import chdtri
 from ....kit import Claim, claim, pluralize, statement
 from ....laws import collision, elastic_constants, hertz_mindlin_reff
 from ...faults.friction.fitting import Fit, fit
+from ...faults.friction.inference import LawComparison, compare_laws
 from ...faults.friction.laws import RateState, Spring, spring_slider
 from ...faults.friction.loads import LoadStep
 from ...faults.friction.model import Data
-from ...faults.friction.model_comparison import LawComparison, compare_laws
 from . import measures
 from .sample import INERTIAL, damping, inertial_numbers, normalised_hold, stiffness
 from .scenario import GougeScenario
