@@ -1,9 +1,10 @@
 """What follows from a fit: the posterior distribution of its parameters, its comparison with another, and remedies.
 
-The posterior is sampled by Markov chains with emcee. The priors are uniform in the coordinates of the fit: logarithms of positive parameters, and the others themselves.
-The likelihood is that of the filtered residuals, with the autoregressive noise found by the fit. The size of the noise
-is integrated out. S is the sum of squares of the filtered residuals, S₀ its minimum and m the number of parameters;
-the degrees of freedom ν and the variance s² are those of the intervals of `fit`. Then
+The posterior is sampled by Markov chains with emcee. The priors are uniform in the coordinates of the fit: logarithms
+of positive parameters, and the others themselves. The likelihood is that of the filtered residuals, with the
+autoregressive noise found by the fit. The size of the noise is integrated out. S is the sum of squares of the filtered
+residuals, S₀ its minimum and m the number of parameters; the degrees of freedom ν and the variance s² are those of the
+intervals of `fit`. Then
 
     p(x) ∝ [1 + (S(x) − S₀)/(ν s²)]^{−(ν + m)/2},
 
