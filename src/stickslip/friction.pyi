@@ -1,5 +1,9 @@
 from .wings.faults.friction.fault import Fault as Fault
+from .wings.faults.friction.fault import cohesive_length as cohesive_length
+from .wings.faults.friction.fault import critical_wavelength as critical_wavelength
 from .wings.faults.friction.fault import line_fault as line_fault
+from .wings.faults.friction.fault import nucleation as nucleation
+from .wings.faults.friction.fault import nucleation_half_length as nucleation_half_length
 from .wings.faults.friction.fault_cycles import fault_dataset as fault_dataset
 from .wings.faults.friction.fault_cycles import simulate_fault as simulate_fault
 from .wings.faults.friction.fault_record import Recording as Recording
@@ -21,8 +25,10 @@ from .wings.faults.friction.laboratory import steady_start as steady_start
 from .wings.faults.friction.laboratory import write_csv as write_csv
 from .wings.faults.friction.laws import RateState as RateState
 from .wings.faults.friction.laws import Spring as Spring
+from .wings.faults.friction.laws import critical_stiffness as critical_stiffness
 from .wings.faults.friction.laws import prescribed as prescribed
 from .wings.faults.friction.laws import spring_slider as spring_slider
+from .wings.faults.friction.laws import steady_sliding as steady_sliding
 from .wings.faults.friction.loads import LoadStep as LoadStep
 from .wings.faults.friction.loads import find_steps as find_steps
 from .wings.faults.friction.loads import load_steps as load_steps
@@ -30,12 +36,6 @@ from .wings.faults.friction.loads import slide_hold_slide as slide_hold_slide
 from .wings.faults.friction.loads import stated_steps as stated_steps
 from .wings.faults.friction.loads import velocity_steps as velocity_steps
 from .wings.faults.friction.model import Data as Data
-from .wings.faults.friction.stability import cohesive_length as cohesive_length
-from .wings.faults.friction.stability import critical_stiffness as critical_stiffness
-from .wings.faults.friction.stability import critical_wavelength as critical_wavelength
-from .wings.faults.friction.stability import nucleation as nucleation
-from .wings.faults.friction.stability import nucleation_half_length as nucleation_half_length
-from .wings.faults.friction.stability import steady_sliding as steady_sliding
 from .wings.faults.friction.stress_transfer import Injection as Injection
 from .wings.faults.friction.stress_transfer import Oscillation as Oscillation
 from .wings.faults.friction.stress_transfer import StressTable as StressTable

@@ -35,6 +35,7 @@ from .solve.spectrum import DensityOfStates as DensityOfStates
 from .solve.spectrum import Spectrum as Spectrum
 from .solve.stability import Stability as Stability
 from .solve.transient import TransientGrowth as TransientGrowth
+from .wings.faults.friction.fault import Nucleation as Nucleation
 from .wings.faults.friction.fault_cycles import FaultHistory as FaultHistory
 from .wings.faults.friction.fault_record import FaultEvents as FaultEvents
 from .wings.faults.friction.fitting import Fit as Fit
@@ -43,9 +44,8 @@ from .wings.faults.friction.inference import Posterior as Posterior
 from .wings.faults.friction.laboratory import Healing as Healing
 from .wings.faults.friction.laboratory import HoldResponse as HoldResponse
 from .wings.faults.friction.laboratory import Mean as Mean
+from .wings.faults.friction.laws import Sliding as Sliding
 from .wings.faults.friction.laws import SlipHistory as SlipHistory
-from .wings.faults.friction.stability import Nucleation as Nucleation
-from .wings.faults.friction.stability import Sliding as Sliding
 from .wings.status.complementarity import Complementarity as Complementarity
 from .wings.status.complementarity import StatusMap as StatusMap
 from .wings.status.cone_apex import Apex as Apex

@@ -6,10 +6,18 @@ from scipy.linalg import expm
 
 from stickslip.wings.faults.friction import laws
 from stickslip.wings.faults.friction.fitting import fit
-from stickslip.wings.faults.friction.laws import RateState, Spring, prescribed, rates, slider_of, spring_slider
+from stickslip.wings.faults.friction.laws import (
+    RateState,
+    Spring,
+    critical_stiffness,
+    prescribed,
+    rates,
+    slider_of,
+    spring_slider,
+    steady_sliding,
+)
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
 from stickslip.wings.faults.friction.model import Data
-from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
 from tests.wings.faults.closed_forms import stiff_step
 
 USUAL = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)

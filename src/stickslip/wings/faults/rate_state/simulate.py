@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ....kit import Report, checked, result_of, silent
-from ..friction.laws import SlipHistory, Spring, spring_slider
+from ..friction.laws import Sliding, SlipHistory, Spring, spring_slider, steady_sliding
 from ..friction.loads import LoadStep
-from ..friction.stability import Sliding, steady_sliding
 from . import EXPERIMENT
 from .scenario import RateStateScenario
 
