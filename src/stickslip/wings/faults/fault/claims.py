@@ -75,20 +75,16 @@ HBI_FOURTH = 428.069  # year of the fourth event in the series of HBI
 
 def bp1_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> list[Claim]:
     """Evaluate all claims; the error of a value is its change when cells are twice as long."""
-    return _initial_claims(main) + _recurrence_claims(main, coarser) + _event_claims(main, coarser)
-
-
-def _initial_claims(main: FaultResult) -> list[Claim]:
-    history = main.history
     return [
         claim(
             "initial-stress", "Sec 3: equation 11; 26.546122 MPa in files of other codes", 26.546122120666,
-            history.state.prestress[0] / 1e6, "MPa", BP1_TOLERANCE["initial"], error=0.0,
+            main.history.state.prestress[0] / 1e6, "MPa", BP1_TOLERANCE["initial"], error=0.0,
         ),
         claim(
             "initial-state", "Sec 3: equation 12; 3.9030898454 in files of other codes", 3.9030898454309,
-            float(np.log10(history.theta[0, 0])), "log10 s", BP1_TOLERANCE["initial"], error=0.0,
+            float(np.log10(main.history.theta[0, 0])), "log10 s", BP1_TOLERANCE["initial"], error=0.0,
         ),
+        *_recurrence_claims(main, coarser), *_event_claims(main, coarser),
     ]  # fmt: skip
 
 
@@ -210,7 +206,13 @@ def reproduce_bp3(
     ]  # fmt: skip
     number = len(FDRA)
     claims = bp3_claims(runs[:number], runs[number : 2 * number])
-    claims += [_recurrence_claim(run) for run in runs[2 * number :]]
+    for run in runs[2 * number :]:  # without published series
+        fault, last = run.history.fault, run.history.events.recurrence[-6:] / YEAR
+        note = f"cells of {fault.cell:g} m; last intervals: {', '.join(f'{time:.2f}' for time in last)} years"
+        claims.append(claim(
+            f"recurrence-{fault.dip:g}-{fault.slip}", f"Series: {fault.slip} fault of {fault.dip:g}°; we found none",
+            None, run.recurrence / YEAR, "years", BP3_TOLERANCE["cycle"], note,
+        ))  # fmt: skip
     return Reproduction(runs[0], tuple(runs[1:]), note_quick_run(claims) if quick else claims)
 
 
@@ -267,17 +269,6 @@ def _numbers(run: FaultResult, published: dict):
         for direction, value in zip(("horizontal", "down"), moved, strict=True):
             measured = at(YEARS[-1], place, history.surface, getattr(history, direction))
             yield f"{direction}-{where}", "surface", "m", value, measured
-
-
-def _recurrence_claim(run: FaultResult) -> Claim:
-    """Make a claim about the recurrence of a fault without published series."""
-    fault = run.history.fault
-    times = ", ".join(f"{time:.2f}" for time in run.history.events.recurrence[-6:] / YEAR)
-    note = f"cells of {fault.cell:g} m; last intervals: {times} years"
-    return claim(
-        f"recurrence-{fault.dip:g}-{fault.slip}", f"Series: {fault.slip} fault of {fault.dip:g}°; we found none", None,
-        run.recurrence / YEAR, "years", BP3_TOLERANCE["cycle"], note,
-    )  # fmt: skip
 
 
 HALF, BESIDE = 20e3, 9.765625  # half length of the fault; distance of the first station, one CYCLAPS cell [m]

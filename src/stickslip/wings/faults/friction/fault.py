@@ -184,7 +184,14 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     >>> fault
     Fault: antiplane, 400 cells of 100 m, aging law
     """
-    number = _count_cells(width, cell)
+    require_positive(width=width, cell=cell)
+    if not width / cell <= MOST_CELLS:
+        raise ValueError(f"width = {width:g} and cell = {cell:g} give too many cells: use at most {MOST_CELLS:,}")
+    number = round(width / cell)
+    if number < 3 or abs(number * cell - width) > 1e-6 * width:
+        raise ValueError(
+            f"width must be a whole number of cells, at least three, got width = {width:g} and cell = {cell:g}"
+        )
     if unknown := set(more) - set(Fault._fields):
         raise ValueError(
             f"{min(unknown)!r} is not a field of a fault; the other fields are {', '.join(Fault._fields[6:])}"
@@ -197,19 +204,6 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     fault = Fault(depth, cell=cell, **profiles, **more)
     check_fault(fault)
     return fault
-
-
-@checked
-def _count_cells(width: float, cell: float) -> int:
-    require_positive(width=width, cell=cell)
-    if not width / cell <= MOST_CELLS:
-        raise ValueError(f"width = {width:g} and cell = {cell:g} give too many cells: use at most {MOST_CELLS:,}")
-    number = round(width / cell)
-    if number < 3 or abs(number * cell - width) > 1e-6 * width:
-        raise ValueError(
-            f"width must be a whole number of cells, at least three, got width = {width:g} and cell = {cell:g}"
-        )
-    return number
 
 
 def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
@@ -464,7 +458,7 @@ class _Lengths(NamedTuple):
 
 
 def _lengths(fault: Fault) -> _Lengths:
-    """Lengths for a fault without cut-off velocities."""
+    """Lengths for a fault without cut-off velocities; the half-length is the smallest of all weakening cells."""
     weak = fault.a < fault.evolution
     if not weak.any():
         return _Lengths(0.0)
@@ -473,7 +467,16 @@ def _lengths(fault: Fault) -> _Lengths:
     if fault.boundary == "surface" and weak[0]:
         spans[0] *= 2  # including its image
     cohesive = float((fault.modulus / (fault.weakening * fault.normal)[weak]).min())
-    return _Lengths(float(spans.max()), cohesive, _shortest_half_length(fault, weak))
+    b, slip = fault.evolution[weak], (fault.b * fault.dc + fault.b2 * np.asarray(fault.dc2))[weak]
+    rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
+    half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())
+    if fault.states > 1:  # a state hardly changes during slip shorter than its characteristic slip
+        first = fault.a, fault.b, fault.dc, fault.normal
+        second = fault.a, *np.broadcast_arrays(fault.b2, fault.dc2, fault.normal)
+        for rows in (np.stack(first), np.stack(second)):
+            alone = np.unique(rows[:, rows[0] < rows[1]].T, axis=0).tolist()
+            half = min([half, *(nucleation_half_length(fault.modulus, *row) for row in alone)])
+    return _Lengths(float(spans.max()), cohesive, half)
 
 
 def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthens: str) -> str:
@@ -495,20 +498,6 @@ def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthe
     above = "" if slow.longest else f" weakens above {_transition(fault, min):.3g} m/s, and"
     zone = f"slip{above} has a zone of {2 * fast.half:.4g} m at {SEISMIC:g} m/s"
     return f"{sentence}; {zone}: a disturbance can make it an earthquake"
-
-
-def _shortest_half_length(fault: Fault, weak: np.ndarray) -> float:
-    """Smallest half-length of the nucleation zones of velocity-weakening cells, for a fault without cut-offs."""
-    b, slip = fault.evolution[weak], (fault.b * fault.dc + fault.b2 * np.asarray(fault.dc2))[weak]
-    rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
-    half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())
-    if fault.states > 1:  # a state hardly changes during slip shorter than its characteristic slip
-        first = fault.a, fault.b, fault.dc, fault.normal
-        second = fault.a, *np.broadcast_arrays(fault.b2, fault.dc2, fault.normal)
-        for rows in (np.stack(first), np.stack(second)):
-            alone = np.unique(rows[:, rows[0] < rows[1]].T, axis=0).tolist()
-            half = min([half, *(nucleation_half_length(fault.modulus, *row) for row in alone)])
-    return half
 
 
 def _transition(fault: Fault, of) -> float:

@@ -216,17 +216,13 @@ def solve_fit(
     if noise == "correlated":
         x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
-    reduced = _reduced_residual(task, x, filters)
+    rest = filtered_residual(task, x, filters)
+    # the noise between samples, or that of the bulk of the residuals if it is larger
+    level = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
+    reduced = float(np.sqrt(np.mean(rest**2))) / max(level, TINY)
     if reduced > MOST_REDUCED:
         x, adequate = least, False
     return Solution(task, x, filters, evaluations, adequate, reduced, spikes)
-
-
-def _reduced_residual(task: Task, x, filters) -> float:
-    """Size of the filtered residuals over the noise: that between samples, or that of their bulk if larger."""
-    rest = filtered_residual(task, x, filters)
-    noise = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
-    return float(np.sqrt(np.mean(rest**2))) / max(noise, TINY)
 
 
 def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
@@ -360,10 +356,13 @@ def build_fit(solution: Solution) -> Fit:
     models = tuple(
         model_friction(case, parameters_of(task, x, k), task.law, task.form) for k, case in enumerate(task.cases)
     )
+    spring = any(case.legs is not None for case in task.cases)
+    idle = {k for k, v in PLAIN.items() if task.fixed.get(k) == v and (k != "dc2" or task.fixed.get("b2") == 0)}
+    idle |= set() if spring else {"stiffness", "damping"}
     gap = estimates.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
     return Fit(
         law=task.law, names=task.names, values=estimates.values, errors=estimates.errors, intervals=estimates.intervals,
-        covariance=estimates.covariance, fixed=_fixed_values(task),
+        covariance=estimates.covariance, fixed={k: v for k, v in task.fixed.items() if k not in idle},
         difference=(gap, gap - estimates.error, gap + estimates.error),
         identifiable=estimates.identifiable, adequate=adequate, sentence=estimates.sentence,
         residuals=tuple(case.friction - model for case, model in zip(task.cases, models, strict=True)), models=models,
@@ -372,10 +371,3 @@ def build_fit(solution: Solution) -> Fit:
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations, form=task.form,
         reduced=reduced, spikes=spikes,
     )  # fmt: skip
-
-
-def _fixed_values(task: Task) -> dict:
-    """Fixed values that apply: those of the spring and of the variant of the law."""
-    spring = any(case.legs is not None for case in task.cases)
-    plain = {k for k, v in PLAIN.items() if task.fixed.get(k) == v and (k != "dc2" or task.fixed.get("b2") == 0)}
-    return {k: v for k, v in task.fixed.items() if k not in plain and (spring or k not in ("stiffness", "damping"))}

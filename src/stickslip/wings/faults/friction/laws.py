@@ -277,15 +277,26 @@ def spring_slider(
     if theta is not None and not (theta > 0 and np.isfinite(theta)):
         raise ValueError(f"theta must be positive and finite, got {theta}")
     ends = np.cumsum(duration)
-    times = _default_times(duration, ends) if times is None else _times_within(times, ends[-1])
+    if times is None:
+        share = np.unique(np.r_[np.geomspace(EARLY, 1.0, POINTS), np.linspace(0, 1, POINTS + 1)[1:]])
+        each = [end - d + d * share for d, end in zip(duration, ends, strict=True)]
+        times = np.unique(np.r_[0.0, np.concatenate(each)])
+    else:
+        times = _times_within(times, ends[-1])
     w, f = np.log(start / rs.v0), np.log(rs.v0 * (theta or rs.dc / start) / rs.dc)
-    out, code, reached = history(slider_of(rs, spring), (w, f, f), arrays, times, tolerance)
+    slider = slider_of(rs, spring)
+    out, code, reached = history(slider, (w, f, f), arrays, times, tolerance)
     kept = ~np.isnan(out[:, 0])
     factor = normal[np.minimum(np.searchsorted(ends, times[kept]), len(ends) - 1)]
     displacement = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
     rows = np.vstack([(w, f, f), out[kept]])
     displacement, factor, at = np.r_[0.0, displacement], np.r_[normal[0], factor], np.r_[0.0, times[kept]]
-    return _build_history(rs, spring, at, displacement, rows, factor)._replace(end=tuple(End)[code], reached=reached)
+    speed, mu = rs.v0 * np.exp(rows[:, 0]), slider.friction(rows)
+    force = factor[0] * mu[0] + spring.damping * speed[0]
+    # from the balance of spring force and friction
+    slip = displacement - (factor * mu + spring.damping * speed - force) / spring.stiffness
+    columns = at, displacement, slip, speed, rs.dc / rs.v0 * np.exp(rows[:, 1]), mu, factor
+    return SlipHistory(*(c[1:] for c in columns), tuple(End)[code], reached, _second_state(rs, rows[1:, 2]))
 
 
 def slider_of(rs: RateState, spring: Spring) -> Slider:
@@ -301,18 +312,6 @@ def check_spring(spring: Spring) -> None:
         raise ValueError(f"damping must be 0 (quasi-static) or positive and finite, got {spring.damping}")
 
 
-def _build_history(rs, spring, time, place, out, normal) -> SlipHistory:
-    """Compute all columns from rows of w, ln(V0 θ/D_c) and ln(V0 θ2/D_c2), the first of which is the start.
-
-    Slip follows from the balance of spring force and friction.
-    """
-    velocity, friction = rs.v0 * np.exp(out[:, 0]), slider_of(rs, spring).friction(out)
-    force = normal[0] * friction[0] + spring.damping * velocity[0]
-    slip = place - (normal * friction + spring.damping * velocity - force) / spring.stiffness
-    columns = time, place, slip, velocity, rs.dc / rs.v0 * np.exp(out[:, 1]), friction, normal
-    return SlipHistory(*(column[1:] for column in columns), theta2=_second_state(rs, out[1:, 2]))
-
-
 def _second_state(rs: RateState, g: np.ndarray) -> np.ndarray | None:
     return rs.dc2 / rs.v0 * np.exp(g) if rs.b2 > 0 else None
 
@@ -325,12 +324,6 @@ def _times_within(times, end: float) -> np.ndarray:
     if times[0] < 0 or not times[-1] <= end + slack:
         raise ValueError(f"times go from {times[0]:g} to {times[-1]:g}: use times within the legs, 0 to {end:g}")
     return np.minimum(times, end)
-
-
-def _default_times(duration, ends) -> np.ndarray:
-    share = np.unique(np.r_[np.geomspace(EARLY, 1.0, POINTS), np.linspace(0, 1, POINTS + 1)[1:]])
-    each = [end - d + d * share for d, end in zip(duration, ends, strict=True)]
-    return np.unique(np.r_[0.0, np.concatenate(each)])
 
 
 @checked
