@@ -222,23 +222,17 @@ def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard)
 
 
 def _pack_tasks(function, tasks: dict[int, tuple]):
-    """Yield (k, bytes of a task), each on demand."""
-    function = _importable(function)
+    """Yield (k, bytes of a task), each on demand; its function is that of a module that other processes can import."""
+    if getattr(function, "__module__", None) == "__main__":
+        spec = getattr(sys.modules["__main__"], "__spec__", None)
+        if spec is None:
+            raise ValueError(
+                f"{function.__qualname__} is defined in a script or notebook, where worker processes cannot import it: "
+                f"move it to a separate module, run the script with python -m, or use workers=1"
+            )
+        function = attrgetter(function.__qualname__)(import_module(spec.name))
     for k, task in tasks.items():
         yield k, pickle.dumps((function, task), protocol=5)
-
-
-def _importable(function: Callable) -> Callable:
-    """Return the same function from a module that other processes can import."""
-    if getattr(function, "__module__", None) != "__main__":
-        return function
-    spec = getattr(sys.modules["__main__"], "__spec__", None)
-    if spec is None:
-        raise ValueError(
-            f"{function.__qualname__} is defined in a script or notebook, where worker processes cannot import it: "
-            f"move it to a separate module, run the script with python -m, or use workers=1"
-        )
-    return attrgetter(function.__qualname__)(import_module(spec.name))
 
 
 def _unpack_result(packed: bytes | None, failure: str | None) -> Member:

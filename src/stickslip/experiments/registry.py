@@ -309,7 +309,7 @@ def read_scenario(path: str | Path, *, trust: bool = False) -> ScenarioBase:
 
 
 def read_tables(path: str | Path) -> dict:
-    """Read the tables of a TOML or JSON file.
+    """Read the tables of a TOML or JSON file, with absolute paths of the files that they name.
 
     Raises
     ------
@@ -331,7 +331,14 @@ def read_tables(path: str | Path) -> dict:
         raise ScenarioError(f"the scenario {path} contains {kind}, not an object: give the scenario.json of a run")
     _check_whole_numbers(tables, path)
     tables = with_laws(tables, renamed_keys) if path.suffix == ".json" else tables
-    return _resolve_files(tables, path.parent)
+
+    def resolve(table: dict, key: str) -> dict:  # files are relative to the scenario
+        return table | {key: str(path.parent.absolute() / table[key])} if isinstance(table.get(key), str) else table
+
+    for table, key in NAMED_FILES:
+        if isinstance(tables.get(table), dict):
+            tables[table] = resolve(tables[table], key)
+    return with_laws(tables, lambda law: resolve(law, "file"))
 
 
 def _parse(text: str, path: Path):
@@ -361,15 +368,3 @@ def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
             where = shortened(".".join(map(str, (*above, key))))
             raise ScenarioError(f"the scenario {path} has an integer beyond 64 bits at {where}: {INTEGER_RANGE}")
         _check_whole_numbers(value, path, (*above, key))
-
-
-def _resolve_files(tables: dict, folder: Path) -> dict:
-    """Return the tables with absolute paths of the files that they name, which are relative to the scenario."""
-
-    def resolve(table: dict, key: str) -> dict:
-        return table | {key: str(folder.absolute() / table[key])} if isinstance(table.get(key), str) else table
-
-    for table, key in NAMED_FILES:
-        if isinstance(tables.get(table), dict):
-            tables[table] = resolve(tables[table], key)
-    return with_laws(tables, lambda law: resolve(law, "file"))

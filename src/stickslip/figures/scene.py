@@ -416,7 +416,11 @@ def _plot(data: dict, shown: int, height: int):
             plot += _lines(k3d, ends, f"{name} {number}", data["colours"][name], width)
     for name, color in (("edges", 0x555555), ("walls", 0x8A6D3B)):
         plot += _lines(k3d, _decode(frame[name]).reshape(-1, 2, 3), name, color, 0.1 * float(sizes.mean() / 2))
-    plot.camera = _camera(data)
+    low, high = np.array(data["box"])
+    _, up, toward = np.array(data["eye"])
+    center, reach = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))  # the box in a square
+    away = 0.9 * reach / np.sin(np.radians(data["fov"] / 2))
+    plot.camera = [float(v) for v in (*(center + away * toward), *center, *up)]  # position, target and up vector
     return plot
 
 
@@ -427,15 +431,6 @@ def _lines(k3d, ends: np.ndarray, name: str, color: int, width: float):
     return k3d.lines(
         ends, rows, indices_type="segment", color=color, width=width, shader="thick", name=name
     )  # fmt: skip
-
-
-def _camera(data: dict) -> list[float]:
-    """Position, target and up vector of a camera that shows the box in a square."""
-    low, high = np.array(data["box"])
-    _, up, toward = np.array(data["eye"])
-    center, reach = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
-    away = 0.9 * reach / np.sin(np.radians(data["fov"] / 2))
-    return [float(v) for v in (*(center + away * toward), *center, *up)]
 
 
 def view_box(frames: list[Frame], zoom: Zoom = 1.0) -> np.ndarray:

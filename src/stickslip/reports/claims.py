@@ -481,22 +481,17 @@ def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
     for name in dict.fromkeys(map(place, claims)):
         what = f": {shows[name][0]}" if name in shows else ""
         lines += ["", f"## {name}{what}", "", head, "|---|---|---|---|---|---|---|---|"]
-        lines += [_markdown_row(c) for c in claims if place(c) == name]
+        for c in (c for c in claims if place(c) == name):
+            source = c.source.partition(":")[2].strip() or c.source
+            tolerance = f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor of {1 + c.tolerance:.2g}"
+            tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else tolerance
+            values = format_value(c.paper), format_value(c.reference), format_measured(c)
+            cells = (c.id, source, *values, c.unit or "–", tolerance, f"**{c.verdict}**")
+            lines.append("| " + " | ".join(map(_escape, cells)) + " |")
     lines += ["", "## Notes", ""]
     for c in claims:
         lines += [f"- **{c.id}** ({c.verdict}): {_escape(c.note) or '–'}."]
     return "\n".join(lines) + "\n"
-
-
-def _markdown_row(c: Claim) -> str:
-    source = c.source.partition(":")[2].strip() or c.source
-    tolerance = f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor of {1 + c.tolerance:.2g}"
-    tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else tolerance
-    cells = (
-        c.id, source, format_value(c.paper), format_value(c.reference), format_measured(c), c.unit or "–", tolerance,
-        f"**{c.verdict}**",
-    )  # fmt: skip
-    return "| " + " | ".join(_escape(cell) for cell in cells) + " |"
 
 
 def _escape(text: str) -> str:

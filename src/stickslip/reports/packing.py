@@ -362,25 +362,21 @@ def describe_law(law: Law, state: State | None = None) -> str:
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
     name = find_user_law(law.kind).name if isinstance(law.kind, Kind) else NAMES[law.kind]
+    kinds = list(range(len(law.table)))[:MOST_KINDS]
+    walls: list[tuple[str, int]] = []
+    if state is not None:
+        kinds = np.unique(state.grains.material).tolist()[:MOST_KINDS]
+        walls = [(f"wall {k + 1}", material) for k, material in enumerate(state.walls.material.tolist())][:MOST_KINDS]
+    meeting = [(f"types {a + 1} and {b + 1}", a, b) for a in kinds for b in kinds if a <= b]
+    meeting += [(f"type {a + 1} and {label}", a, wall) for label, wall in walls for a in kinds]
     pairs: dict[str, list[str]] = {}
-    for label, a, b in _pairs_of_materials(law, state):
+    for label, a, b in meeting:
         values = zip(parameter_names(law), law.table[a, b], strict=True)
         pairs.setdefault(", ".join(f"{key} = {value:.4g}" for key, value in values if value), []).append(label)
     told = [f"{', '.join(labels)}: {values}" for values, labels in pairs.items()]
     more = [f"and {len(told) - SHOWN} more"] if len(told) > SHOWN else []
     values = "; ".join([*told[:SHOWN], *more]) if len(pairs) > 1 else next(iter(pairs), "")
     return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if damping_model(law) else "")
-
-
-def _pairs_of_materials(law: Law, state: State | None) -> list[tuple[str, int, int]]:
-    """Names and numbers of the pairs of materials that may meet, at most a few hundred."""
-    kinds = list(range(len(law.table)))[:MOST_KINDS]
-    walls: list[tuple[str, int]] = []
-    if state is not None:
-        kinds = np.unique(state.grains.material).tolist()[:MOST_KINDS]
-        walls = [(f"wall {k + 1}", material) for k, material in enumerate(state.walls.material.tolist())][:MOST_KINDS]
-    types = [(f"types {a + 1} and {b + 1}", a, b) for a in kinds for b in kinds if a <= b]
-    return types + [(f"type {a + 1} and {label}", a, wall) for label, wall in walls for a in kinds]
 
 
 def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:

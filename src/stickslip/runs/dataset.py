@@ -67,7 +67,13 @@ def open_dataset(place: str | Path) -> xr.DataTree:
             f"{path} contains an unfinished sweep: finish it with {resume_command(path)} to get its dataset"
         )
     if path.is_dir() and not (path / RESULTS).is_file():
-        return _open_unfinished(path)
+        pieces, about = read_pieces(path)
+        if not pieces:
+            raise ValueError(f"{path} contains no results: give a run folder, or its results.h5")
+        with refuse_damage(path, "results", "resume the run, which reports the damaged part"):
+            tree = {name: restore(node, known_nouns(())) for name, node in pieces.items()}
+        units = {f"{name}/{inner}": unit for name, node in pieces.items() for inner, unit in units_within(node).items()}
+        return _build_tree(tree, units, about | {"finished": "no"})
     path = path / RESULTS if path.is_dir() else path
     if not path.is_file():
         raise ValueError(f"{path} does not exist: give a run folder, or its results.h5")
@@ -113,17 +119,6 @@ def contact_table(data: xr.DataTree | xr.Dataset, frame: int | str) -> pd.DataFr
     return pd.DataFrame(columns)
 
 
-def _open_unfinished(folder: Path) -> xr.DataTree:
-    """Open the parts saved so far by an unfinished run."""
-    pieces, about = read_pieces(folder)
-    if not pieces:
-        raise ValueError(f"{folder} contains no results: give a run folder, or its results.h5")
-    with refuse_damage(folder, "results", "resume the run, which reports the damaged part"):
-        tree = {name: restore(node, known_nouns(())) for name, node in pieces.items()}
-    units = {f"{name}/{inner}": unit for name, node in pieces.items() for inner, unit in units_within(node).items()}
-    return _build_tree(tree, units, about | {"finished": "no"})
-
-
 def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
     """Build all nodes; a dimension that clashes with a parent node's dimension is prefixed with the node's name."""
     states, tables, laws = {}, {}, {}
@@ -137,19 +132,14 @@ def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
         node = _group_dataset(group, entries, units)
         if node.variables:
             nodes[group.strip("/") or "numbers"] = node
-    for path in nodes:
-        nodes[path] = _rename_clashing(path, nodes)
+    for path, node in nodes.items():
+        parts = path.split("/")
+        above = [nodes[name] for k in range(1, len(parts)) if (name := "/".join(parts[:k])) in nodes]
+        taken = {dim for other in above for dim in other.dims} & set(node.dims) - {"axis"}
+        nodes[path] = node.rename({dim: f"{parts[-1]}_{dim}" for dim in taken})
     attributes = {"units_of_scenario": tree["units"]} if isinstance(tree.get("units"), str) else {}
     root = xr.Dataset(coords=_AXES, attrs=about | attributes)
     return xr.DataTree.from_dict({"/": root} | {f"/{path}": node for path, node in nodes.items()})
-
-
-def _rename_clashing(path: str, nodes: dict[str, xr.Dataset]) -> xr.Dataset:
-    """Rename the dimensions of a node that clash with those of its parents."""
-    node, parts = nodes[path], path.split("/")
-    above = [nodes[name] for k in range(1, len(parts)) if (name := "/".join(parts[:k])) in nodes]
-    taken = {dim for other in above for dim in other.dims} & set(node.dims) - {"axis"}
-    return node.rename({dim: f"{parts[-1]}_{dim}" for dim in taken})
 
 
 def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
