@@ -267,7 +267,7 @@ def evaluate_claims(
     ramps = run_realizations(_spectrum_claims, tasks, stage="claims", workers=workers, report=report)
     printed_spectra, quarter_spectra = ramps.complete
     printed = printed_spectra + [_growth(main, load) for load in GROWTH_LOADS] + [_stability(main, "")]
-    printed += [*(_saturation(main, load) for load in (0.030, 0.040)), _sliding_onset(main)]
+    printed += _free_run_claims(main)
     printed += [row for arrest in arrests for row in _arrest_claims(arrest)] + _threshold_claims(threshold)
     printed += [*evaluate_fronts(main), _variants(), *_births(main), _coalescence(main), _growing(main)]
     printed += [*_mode_claims(main), *_wave_claims(main), *evaluate_motion(main, arrests)]
@@ -286,7 +286,17 @@ def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report: 
     paths[step] = result.path
     windows = {s: stable_window(path, near, protocol) for s, path in paths.items()}
     births = {s: late_birth(path, protocol) for s, path in paths.items()}
-    out = [_pair_count(result, load, suffix) for load in (0.030, 0.040, STABLE_LOAD)]
+    out = []
+    for load in (0.030, 0.040, STABLE_LOAD):
+        modes = point_at_load(result.path, load).spectrum
+        said = '"for ... F_x = 0.03 and 0.04 the oscillatory instability exists", one pair in the figure'
+        if load == STABLE_LOAD:
+            said = '"for F_x = 0.062 all the eigenvalues of J are real"'
+        note = "Im lambda " + (", ".join(f"{v:.2e}" for v in modes.pairs.imag) or "zero throughout")
+        out.append(claim(
+            f"pairs-at-{load:.3f}{suffix}", f"Fig 2: {said}", 0 if load == STABLE_LOAD else 1, len(modes.pairs),
+            "pairs", TOLERANCE["pairs"], note, error=0.0,
+        ))  # fmt: skip
     out.append(claim(
         f"stable-window{suffix}", "Fig 2: range without pairs; its ends are not printed", None, windows[step] or [],
         "F_x", TOLERANCE["window"], f"for each load step of the ramp: {_format_by_step(windows)}",
@@ -299,7 +309,16 @@ def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report: 
         f"bisected to 1e-6 from one state; for each load step of the ramp: {_format_by_step(births)}",
         error=_sensitivity(births[step], births[COARSER[-1]]),
     ))  # fmt: skip
-    out += [_im_lambda(load, result, paths[COARSER[-1]], births[step], suffix) for load in IM_LAMBDA]
+    for load, paper in IM_LAMBDA.items():
+        modes, other = (point_at_load(path, load).spectrum for path in (result.path, paths[COARSER[-1]]))
+        note = pluralize(len(modes.pairs), "pair")
+        if born := births[step]:
+            note += f"; {load - born:.5f} above the birth, from which Im lambda rises as a square root"
+        out.append(claim(
+            f"im-lambda-{load:.3f}{suffix}", 'Fig 2: text before Eq 10, "0.00024, 0.00077 and 0.001 respectively"',
+            paper, float(modes.im_lambda.max()), "k_n (2R)^1/2/m", TOLERANCE["im-lambda"], note,
+            error=abs(modes.im_lambda.max() - other.im_lambda.max()),
+        ))  # fmt: skip
     return out
 
 
@@ -313,30 +332,6 @@ def _format_by_step(values: dict) -> str:
         return "none" if value is None else "–".join(f"{v:.6f}" for v in np.ravel(value))
 
     return ", ".join(f"{step:g}: {text(value)}" for step, value in values.items())
-
-
-def _pair_count(result: DiskArrayResult, load: float, suffix: str) -> Claim:
-    modes = point_at_load(result.path, load).spectrum
-    said = '"for ... F_x = 0.03 and 0.04 the oscillatory instability exists", one pair in the figure'
-    if load == STABLE_LOAD:
-        said = '"for F_x = 0.062 all the eigenvalues of J are real"'
-    note = "Im lambda " + (", ".join(f"{v:.2e}" for v in modes.pairs.imag) or "zero throughout")
-    return claim(
-        f"pairs-at-{load:.3f}{suffix}", f"Fig 2: {said}", 0 if load == STABLE_LOAD else 1, len(modes.pairs), "pairs",
-        TOLERANCE["pairs"], note, error=0.0,
-    )  # fmt: skip
-
-
-def _im_lambda(load: float, result: DiskArrayResult, coarse, born: float | None, suffix: str) -> Claim:
-    modes, other = point_at_load(result.path, load).spectrum, point_at_load(coarse, load).spectrum
-    note = pluralize(len(modes.pairs), "pair")
-    if born:
-        note += f"; {load - born:.5f} above the birth, from which Im lambda rises as a square root"
-    return claim(
-        f"im-lambda-{load:.3f}{suffix}", 'Fig 2: text before Eq 10, "0.00024, 0.00077 and 0.001 respectively"',
-        IM_LAMBDA[load], float(modes.im_lambda.max()), "k_n (2R)^1/2/m", TOLERANCE["im-lambda"], note,
-        error=abs(modes.im_lambda.max() - other.im_lambda.max()),
-    )  # fmt: skip
 
 
 def _growth(main: DiskArrayResult, load: float) -> Claim:
@@ -370,19 +365,18 @@ def _stability(result: DiskArrayResult, suffix: str) -> Claim:
     )  # fmt: skip
 
 
-def _saturation(main: DiskArrayResult, load: float) -> Claim:
-    free = main.free_runs[load]
-    wall = "a wall contact reaches" if np.isfinite(free.breach).any() else "no wall contact reaches"
-    return claim(
-        f"msd-saturation-{load:.3f}",
-        'Fig 3: "the MSD becomes stationary at a minute fraction the disk radius (about 10^-5)"', 1e-5,
-        free.saturation, "(2R)^2", TOLERANCE["saturation"],
-        f"{wall} the Coulomb limit; error from block averages of one run",
-        error=saturation_error(free),
-    )  # fmt: skip
-
-
-def _sliding_onset(main: DiskArrayResult) -> Claim:
+def _free_run_claims(main: DiskArrayResult) -> list[Claim]:
+    """Claims about the saturation of M, and the onset of sliding."""
+    out = []
+    for load in (0.030, 0.040):
+        free = main.free_runs[load]
+        wall = "a wall contact reaches" if np.isfinite(free.breach).any() else "no wall contact reaches"
+        out.append(claim(
+            f"msd-saturation-{load:.3f}",
+            'Fig 3: "the MSD becomes stationary at a minute fraction the disk radius (about 10^-5)"', 1e-5,
+            free.saturation, "(2R)^2", TOLERANCE["saturation"],
+            f"{wall} the Coulomb limit; error from block averages of one run", error=saturation_error(free),
+        ))  # fmt: skip
     free = main.free_runs[0.083]
     note = "no contact reaches the Coulomb limit"
     if np.isfinite(free.breach).any():
@@ -392,7 +386,7 @@ def _sliding_onset(main: DiskArrayResult) -> Claim:
             f"contact {i + 1:.0f}–{j + 1:.0f} is the first at the limit; disk {first} is the first among wall contacts"
         )
     said = 'Fig 3: at 0.083 "the oscillatory instability triggers the transition", "the Coulomb law is breached"'
-    return statement("sliding-0.083", said, free.slid, note)
+    return [*out, statement("sliding-0.083", said, free.slid, note)]
 
 
 def _arrest_claims(arrest: Arrest) -> list[Claim]:

@@ -373,10 +373,22 @@ class _Ensemble(NamedTuple):
         more = f"; {before} had finished earlier" if before else ""
         cost = f"each takes {self.scenario.expected_cost}{more}"
         self.report(f"realisations ({len(self.alone)} to run)", 0.0, cost)
-        trunks = self._run_trunks()
+        nouns = (Trunk, Branch, Test, Series, Gouge)
+        places = [self.kept and self.kept.of(member.digest, *nouns) for member in self.alone]
+        tasks = [
+            Task(f"trunk {member.seed}", (member.text, place and place.of(TRUNK)), TRUNK, place)
+            for member, place in zip(self.alone, places, strict=True)
+        ]
+        trunks = self._run(_trunk_task, tasks, 0.0, self.first)
         owners = [k for k, trunk in enumerate(trunks.results) if trunk for _ in trunk.branches]
         starts = [start for trunk in trunks.results if trunk for start in trunk.branches]
-        tests = self._run_branches(owners, starts)
+        names = [f"branch-{start.part:02d}-{start.before:.6g}-{start.number:03d}" for start in starts]
+        places = [self.kept and self.kept.of(self.alone[k].digest, Test, Series) for k in owners]
+        tasks = [
+            Task(name, (self.alone[k].text, start, place and place.of(name)), name, place)
+            for k, start, place, name in zip(owners, starts, places, names, strict=True)
+        ]
+        tests = self._run(_branch_task, tasks, self.first, 1.0)
         out = []
         for k, (member, trunk) in enumerate(zip(self.alone, trunks.results, strict=True)):
             mine = [b for b, owner in enumerate(owners) if owner == k]
@@ -386,26 +398,6 @@ class _Ensemble(NamedTuple):
             out.append(make_realization(member, member.seed, trunk, [tests.results[b] for b in mine]))
             self._save(member, out[-1])
         return out
-
-    def _run_trunks(self) -> Realizations:
-        """Run the trunk of every realisation."""
-        nouns = (Trunk, Branch, Test, Series, Gouge)
-        places = [self.kept and self.kept.of(member.digest, *nouns) for member in self.alone]
-        tasks = [
-            Task(f"trunk {member.seed}", (member.text, place and place.of(TRUNK)), TRUNK, place)
-            for member, place in zip(self.alone, places, strict=True)
-        ]
-        return self._run(_trunk_task, tasks, 0.0, self.first)
-
-    def _run_branches(self, owners: list[int], starts: list[Branch]) -> Realizations:
-        """Run the tests of every branch of every trunk."""
-        names = [f"branch-{start.part:02d}-{start.before:.6g}-{start.number:03d}" for start in starts]
-        places = [self.kept and self.kept.of(self.alone[k].digest, Test, Series) for k in owners]
-        tasks = [
-            Task(name, (self.alone[k].text, start, place and place.of(name)), name, place)
-            for k, start, place, name in zip(owners, starts, places, names, strict=True)
-        ]
-        return self._run(_branch_task, tasks, self.first, 1.0)
 
     def _run(self, function: Callable, tasks: list[Task], begin: float, end: float) -> Realizations:
         stage, report = f"realisations ({len(self.alone)} to run)", within(self.report, begin, end)
