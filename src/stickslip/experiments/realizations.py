@@ -37,7 +37,18 @@ def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) 
 
     `radius` and `mass` are those of the two grains whose collision has the given restitution.
     """
-    law = _law_by_kind(chosen) if chosen.file is None else load_law(chosen)
+    if chosen.file is not None:
+        law = load_law(chosen)
+    else:
+        kt = 2 / 7 * chosen.kn if chosen.kt is None and chosen.kn is not None else chosen.kt
+        damping_n, damping_t = chosen.damping_n or 0.0, chosen.damping_t
+        if damping_t is None:  # that of a restitution is a ratio
+            damping_t = (chosen.damping_ratio or 0.0) * (1.0 if chosen.damping in RESTITUTION else damping_n)
+        law = law_by_name(
+            chosen.kind, chosen.coulomb, chosen.kn, kt, chosen.mu, young=chosen.young, poisson=chosen.poisson,
+            damping=chosen.dashpots, damping_n=damping_n, damping_t=damping_t, tension=chosen.tension,
+            **{p.name: getattr(chosen, p.name) for p in BY_NAME[chosen.kind].parameters},
+        )  # fmt: skip
     if chosen.restitution is not None:
         law = _with_restitution(law, chosen, radius, mass)
     law = law if chosen.lever is None else with_lever(law, chosen.lever)
@@ -49,19 +60,6 @@ def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) 
     if chosen.wall is None:
         return law
     return for_pair(law, 0, SUBSTRATE, **{k: v for k, v in chosen.wall.model_dump().items() if v is not None})
-
-
-def _law_by_kind(chosen: LawTable) -> Law:
-    kt = 2 / 7 * chosen.kn if chosen.kt is None and chosen.kn is not None else chosen.kt
-    damping_n, damping_t = chosen.damping_n or 0.0, chosen.damping_t
-    if damping_t is None:  # that of a restitution is a ratio
-        damping_t = (chosen.damping_ratio or 0.0) * (1.0 if chosen.damping in RESTITUTION else damping_n)
-    return law_by_name(
-        chosen.kind, chosen.coulomb, chosen.kn, kt, chosen.mu, young=chosen.young, poisson=chosen.poisson,
-        damping=chosen.dashpots, damping_n=damping_n,
-        damping_t=damping_t, tension=chosen.tension,
-        **{p.name: getattr(chosen, p.name) for p in BY_NAME[chosen.kind].parameters},
-    )  # fmt: skip
 
 
 def _with_restitution(law: Law, chosen: LawTable, radius: float, mass: float) -> Law:

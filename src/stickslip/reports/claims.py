@@ -85,7 +85,15 @@ def claim(
     made = Claim(
         id, source, paper, measured, unit, tolerance, word, note, error, reference, reference_source, quantifier
     )
-    notes = [note, f"undecided: {undecided_reason(made)}" if word == UNDECIDED else "", _describe_reference(made)]
+    notes = [note, f"undecided: {undecided_reason(made)}" if word == UNDECIDED else ""]
+    if reference is not None:
+        found = _compare(reference, measured, tolerance, error, quantifier)
+        relation = {
+            REPRODUCED: "agrees with", NOT_REFUTED: "agrees with", PARTLY: "is within twice the tolerance of",
+            UNDECIDED: "cannot be compared with",
+        }.get(found, "differs from")  # fmt: skip
+        value = "" if _is_statement(made) else f" {format_value(reference)}"
+        notes.append(f"it {relation} the reference{value} ({reference_source})")
     return made._replace(note="; ".join(text for text in notes if text))
 
 
@@ -198,17 +206,6 @@ def undecided_reason(made: Claim) -> str:
     if low <= made.measured <= high if isinstance(made.measured, int | float) else True:
         return f"its error {made.error:.1e} exceeds the tolerance"
     return f"it is less than {DECISIVE:g} errors of {made.error:.1e} beyond the tolerance"
-
-
-def _describe_reference(made: Claim) -> str:
-    if made.reference is None:
-        return ""
-    word = _compare(made.reference, made.measured, made.tolerance, made.error, made.quantifier)
-    relation = {PARTLY: "is within twice the tolerance of"}.get(word, "differs from")
-    relation = "agrees with" if word in (REPRODUCED, NOT_REFUTED) else relation
-    relation = "cannot be compared with" if word == UNDECIDED else relation
-    value = "" if _is_statement(made) else f" {format_value(made.reference)}"
-    return f"it {relation} the reference{value} ({made.reference_source})"
 
 
 def _is_statement(made: Claim) -> bool:

@@ -40,29 +40,22 @@ def compute_details(state: State, law: Law, result: Stability, *, report: Report
     participation = participation_ratio(result.modes, result.free)
     if not result.balanced:
         return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)
-    return Details(
-        participation,
-        attempt(elastic_moduli, state, law),
-        _compute_transient(state, law, result, report),
-        attempt(contact_sensitivity, state, law, report=report),
-    )
+    moduli = attempt(elastic_moduli, state, law)
+    transient: TransientGrowth | str = "since exponential growth exceeds any transient"
+    if not result.grows:
+        try:
+            transient = transient_growth(state, law, report=report)
+        except NoElasticEnergyError:
+            transient = attempt(transient_growth, state, law, norm="displacement", report=report)
+        except ValueError as problem:
+            transient = str(problem)
+    return Details(participation, moduli, transient, attempt(contact_sensitivity, state, law, report=report))
 
 
 def attempt(function, *arguments, **options):
     """Return the result of a function, or the message of its ValueError."""
     try:
         return function(*arguments, **options)
-    except ValueError as problem:
-        return str(problem)
-
-
-def _compute_transient(state: State, law: Law, result, report) -> TransientGrowth | str:
-    if result.grows:
-        return "since exponential growth exceeds any transient"
-    try:
-        return transient_growth(state, law, report=report)
-    except NoElasticEnergyError:
-        return attempt(transient_growth, state, law, norm="displacement", report=report)
     except ValueError as problem:
         return str(problem)
 

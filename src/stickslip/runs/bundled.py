@@ -7,6 +7,7 @@ The package's own entry is built from CITATION.cff, which a wheel contains next 
 import re
 import shutil
 from difflib import get_close_matches
+from itertools import takewhile
 from pathlib import Path
 
 from ..core.arguments import checked
@@ -51,18 +52,12 @@ def names() -> dict[str, str]:
     'Collapse of a column of disks when a gate is removed'
     """
     files = sorted(entry.name for entry in FOLDER.iterdir() if not entry.name.startswith(("_", ".")))
-    return {name: _WITHOUT_TEXT.get(name) or _first_sentence(FOLDER / name) for name in files}
-
-
-def _first_sentence(file: Path) -> str:
-    """First sentence of the comment or docstring with which a file begins."""
-    comment = []
-    for line in file.read_text(encoding="utf-8").splitlines():
-        line = line.strip('#" ')
-        if not line:
-            break
-        comment.append(line)
-    return " ".join(comment).split("  ")[0].split(". ")[0].rstrip(".:")
+    found = {}
+    for name in files:  # with the first sentence of the comment or docstring with which a file begins
+        lines = () if name in _WITHOUT_TEXT else (FOLDER / name).read_text(encoding="utf-8").splitlines()
+        comment = " ".join(takewhile(bool, (line.strip('#" ') for line in lines)))
+        found[name] = _WITHOUT_TEXT.get(name) or comment.split("  ")[0].split(". ")[0].rstrip(".:")
+    return found
 
 
 @checked

@@ -162,7 +162,12 @@ def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
 def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> None:
     """Collect the states of a tree with their laws, and the tree's arrays and numbers, keyed by path of group."""
     law = tree.get("law", law) if isinstance(tree, dict) else law
-    if _is_table(tree):
+    rows = list(tree.values()) if isinstance(tree, dict) else []
+    if (  # groups, such as stages, form the rows of a table: two or more with the same plain fields
+        len(rows) > 1
+        and all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows)
+        and all(isinstance(v, str | int | float | np.number) for row in rows for v in row.values())
+    ):
         tables[above] = {"": tree}
         return
     items = tree.items() if isinstance(tree, dict) else ((f"{k:06d}", item) for k, item in enumerate(tree))
@@ -174,16 +179,6 @@ def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> N
             _collect(value._asdict() if hasattr(value, "_asdict") else value, f"{path}/", law, states, tables, laws)
         elif isinstance(value, np.ndarray | int | float | complex) and not isinstance(value, Law):
             tables.setdefault(above, {})[name] = np.asarray(value)
-
-
-def _is_table(tree) -> bool:
-    """Return True if groups, such as stages, form the rows of a table: two or more with the same plain fields."""
-    rows = list(tree.values()) if isinstance(tree, dict) else []
-    return (
-        len(rows) > 1
-        and all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows)
-        and all(isinstance(v, str | int | float | np.number) for row in rows for v in row.values())
-    )
 
 
 def _wall_indices(tree: dict, states: dict[str, State]) -> dict[str, np.ndarray]:

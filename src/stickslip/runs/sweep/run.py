@@ -287,8 +287,7 @@ def run_with_progress(
     where = reach(workers)
     check_writable(out)
     _install_results(out)
-    others = _check_folder(out, overwrite)
-    target = out / ANEW if _holds_other_sweep(out, chosen, overwrite) or others else out
+    target = out / ANEW if _must_replace(out, chosen, overwrite) else out
     if target != out:
         going = ", ".join(name for name in _ours() if (out / name).exists())
         console.print(f"--overwrite: {going} in {out} will be replaced when the new sweep is complete.", markup=False)
@@ -349,8 +348,8 @@ def _describe_size(chosen: Sweep) -> str:
     return f"{size} {chosen.refusals}".rstrip()
 
 
-def _check_folder(out: Path, overwrite: bool) -> bool:
-    """Return True if a folder contains replaceable files that were not written by a sweep.
+def _must_replace(out: Path, chosen: Sweep, overwrite: bool) -> bool:
+    """Return True if a folder contains another sweep (not just other values of the same keys), or foreign files.
 
     Raises
     ------
@@ -362,13 +361,8 @@ def _check_folder(out: Path, overwrite: bool) -> bool:
     others = find_foreign(out, lambda name: name in _ours())
     if others and not overwrite:
         raise ValueError(foreign_files_message(out, others))
-    return bool(others)
-
-
-def _holds_other_sweep(out: Path, chosen: Sweep, overwrite: bool) -> bool:
-    """Return True if a folder contains another sweep (not just other values of the same keys) that may be replaced."""
     if not (out / SWEEP).is_file():
-        return False
+        return bool(others)
     try:
         differ = describe_differences(read_json(out / SWEEP), json.loads(chosen.text))
     except ValueError:
@@ -377,7 +371,7 @@ def _holds_other_sweep(out: Path, chosen: Sweep, overwrite: bool) -> bool:
         raise
     if differ and not overwrite:
         raise ValueError(f"{out} contains another sweep ({differ}): choose another --out, or add --overwrite")
-    return bool(differ)
+    return bool(differ or others)
 
 
 def _install_results(out: Path, overwrite: bool = False) -> None:

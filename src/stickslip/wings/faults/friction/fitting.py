@@ -248,19 +248,16 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
         solved = solve(task, x, filters)
         x, evaluations = solved.x, evaluations + solved.nfev
         rest = residual(task, x)
-        taken = [[column[run] for run in runs] for column in _absorbed_noise(task, x, filters)]
+        # rows g (m, N), Σ g gᵀ = J C Jᵀ: noise absorbed by the fit, with the covariance C = (JᵀΣ⁻¹J)⁻¹ of parameters
+        noise, slopes = filtered_residual(task, x, filters), jacobian(task, x)
+        size, vectors = np.linalg.eigh(covariance(whitened(slopes, filters, runs))[0])
+        variance = float(noise @ noise) / (len(noise) - len(x))
+        absorbed = (slopes @ (vectors * np.sqrt(variance * np.maximum(size, 0.0)))).T
+        taken = [[column[run] for run in runs] for column in absorbed]
         filters = autoregression([rest[run] for run in runs], taken=taken)
     if (float(rest @ rest) / max(least, TINY) - 1) * effective_samples(filters, len(rest)) / len(x) > MAX_EXCESS:
         return start, first, False, evaluations
     return x, filters, True, evaluations
-
-
-def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
-    """Rows g (m, N), Σ g gᵀ = J C Jᵀ: noise absorbed by the fit, with the covariance C = (JᵀΣ⁻¹J)⁻¹ of parameters."""
-    rest, rows = filtered_residual(task, x, filters), jacobian(task, x)
-    size, vectors = np.linalg.eigh(covariance(whitened(rows, filters, pieces(task)))[0])
-    variance = float(rest @ rest) / (len(rest) - len(x))
-    return (rows @ (vectors * np.sqrt(variance * np.maximum(size, 0.0)))).T
 
 
 def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:

@@ -173,9 +173,19 @@ def check_folder(out: Path, overwrite: bool) -> None:
         raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
 
 
+FIELDS = (  # of a fit, in the JSON object
+    "values", "errors", "intervals", "names", "form", "fixed", "identifiable", "sentence", "sigma", "effective",
+    "adequate", "reduced", "aic", "bic",
+)  # fmt: skip
+
+
 def as_json(result: RecordFits) -> str:
     """Return one JSON object with the documented keys; unknown values are null."""
-    out = {"file": result.file.name, "units": "m, s", "fits": {fit.law: _fit_dict(fit) for fit in result.fits}}
+    fits = {}
+    for fit in result.fits:
+        fits[fit.law] = {name: getattr(fit, name) for name in FIELDS} | {"covariance": fit.covariance.tolist()}
+        fits[fit.law] |= {"noise": fit.noise.tolist(), "samples": fit.samples, "a_minus_b": fit.difference}
+    out = {"file": result.file.name, "units": "m, s", "fits": fits}
     if result.comparison is not None:
         out["comparison"] = result.comparison._asdict()
     if result.posterior is not None:
@@ -186,27 +196,6 @@ def as_json(result: RecordFits) -> str:
     out["doubts"] = doubts(result)
     out["met"] = known.with_keys(result.met or {})
     return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
-
-
-def _fit_dict(fit: Fit) -> dict:
-    names = (
-        "values",
-        "errors",
-        "intervals",
-        "names",
-        "form",
-        "fixed",
-        "identifiable",
-        "sentence",
-        "sigma",
-        "effective",
-        "adequate",
-        "reduced",
-        "aic",
-        "bic",
-    )
-    more = {"covariance": fit.covariance.tolist(), "noise": fit.noise.tolist(), "samples": fit.samples}
-    return {name: getattr(fit, name) for name in names} | more | {"a_minus_b": fit.difference}
 
 
 def _replace_nonfinite(thing):
