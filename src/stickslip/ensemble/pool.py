@@ -418,11 +418,17 @@ def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, 
     def heard(*said) -> None:
         host.log_event(topic, [k, *said])
 
+    def end_if_unwanted(process: WorkerProcess, finished: Event) -> None:
+        while not finished.wait(POLL):  # the thread that waits for the process cannot kill it
+            if unwanted():
+                process.kill()
+                return
+
     for tries in range(1, TRIES + 1):
         finished = Event()
         try:
             with borrowed(waiting_processes) as process:
-                Thread(target=_kill_when_unwanted, args=(process, finished, unwanted), daemon=True).start()
+                Thread(target=end_if_unwanted, args=(process, finished), daemon=True).start()
                 return process.call(packed, PAUSE if topic else None, heard)
         except WorkerDiedError as problem:
             if tries == TRIES or unwanted():
@@ -430,11 +436,3 @@ def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, 
         finally:
             finished.set()
     raise AssertionError("the last try returns")
-
-
-def _kill_when_unwanted(process: WorkerProcess, finished: Event, unwanted) -> None:
-    """Kill a process whose task was cancelled; the thread that waits for it cannot do so."""
-    while not finished.wait(POLL):
-        if unwanted():
-            process.kill()
-            return

@@ -50,7 +50,15 @@ def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) 
             **{p.name: getattr(chosen, p.name) for p in BY_NAME[chosen.kind].parameters},
         )  # fmt: skip
     if chosen.restitution is not None:
-        law = _with_restitution(law, chosen, radius, mass)
+        ratio = 0.5 if chosen.damping_ratio is None else chosen.damping_ratio
+        # the restitution of a linear law does not depend on the speed: any value of a suitable magnitude works
+        speed = chosen.speed or 0.01 * radius * float(np.sqrt(law.table[0, 0, KN] / mass))
+        meeting = {"radius": radius, "mass": mass, "speed": speed, "ratio": ratio}
+        if chosen.reading == "eq8":
+            gamma = eq8_damping(chosen.restitution, young=chosen.young, poisson=chosen.poisson, **meeting)
+            law = with_values(law, damping_n=gamma, damping_t=ratio * gamma)
+        else:
+            law = with_restitution(law, chosen.restitution, **meeting)
     law = law if chosen.lever is None else with_lever(law, chosen.lever)
     law = law if chosen.memory is None else with_memory(law, chosen.memory)
     given = {name: getattr(chosen, name) or 0.0 for part in MOMENTS.values() for name in part}
@@ -60,17 +68,6 @@ def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) 
     if chosen.wall is None:
         return law
     return for_pair(law, 0, SUBSTRATE, **{k: v for k, v in chosen.wall.model_dump().items() if v is not None})
-
-
-def _with_restitution(law: Law, chosen: LawTable, radius: float, mass: float) -> Law:
-    ratio = 0.5 if chosen.damping_ratio is None else chosen.damping_ratio
-    # the restitution of a linear law does not depend on the speed: any value of a suitable magnitude works
-    speed = chosen.speed or 0.01 * radius * float(np.sqrt(law.table[0, 0, KN] / mass))
-    meeting = {"radius": radius, "mass": mass, "speed": speed, "ratio": ratio}
-    if chosen.reading != "eq8":
-        return with_restitution(law, chosen.restitution, **meeting)
-    gamma = eq8_damping(chosen.restitution, young=chosen.young, poisson=chosen.poisson, **meeting)
-    return with_values(law, damping_n=gamma, damping_t=ratio * gamma)
 
 
 def law_references(law: LawTable | str) -> tuple[str, ...]:

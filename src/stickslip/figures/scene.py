@@ -316,6 +316,13 @@ def view_data(
         columns[0]["displacement"] = (np.zeros(len(first.state.grains.radius)), columns[-1]["displacement"][1])
     names = [name for name in columns[0] if all(name in c for c in columns)]
     about = [_describe_quantity(name, [c[name] for c in columns]) for name in names]
+    moves = []
+    for one in modes:
+        u, s = unit_mode(one, frames[at]), one[2]
+        period = with_unit(f"period {2 * np.pi / abs(s.imag):.4g}", "time") if s.imag else "no period"
+        grows = with_unit(f", e-folding time {1 / s.real:.4g}", "time") if s.real > 0 else ""
+        u = u.conj() if s.imag > 0 else u  # `view.js` animates all modes as exp(-iωt)
+        moves.append({"words": f"{period}{grows}", "re": _encode(u.real), "im": _encode(u.imag)})
     about = [a for a in about if a["low"] < a["high"] or a["name"] == "coordination"]
     out = [_frame_data(frames[k], labels[k] if labels else "") for k in chosen]
     for item, column in zip(out, columns, strict=True):
@@ -327,7 +334,7 @@ def view_data(
     return {
         "dim": dim, "n": len(radius), "radius": _encode(radius), "frames": out, "left_out": len(frames) - len(chosen),
         "quantities": about, "mode_frame": chosen.index(at), "start": start,
-        "modes": [_mode_data(m, frames[at]) for m in modes],
+        "modes": moves,
         "eye": view_basis(first).tolist(), "box": view_box([frames[k] for k in chosen], zoom).tolist(), "fov": FOV[dim],
         "map": (red << 16 | green << 8 | blue).tolist(),  # 0xrrggbb
         "lines": list(LINES) if any(frame.state.bonds for frame in frames) else list(LINES)[:2],
@@ -367,14 +374,6 @@ def _frame_data(frame: Frame, label: str) -> dict:
         "branch": _encode(branch), "mode": _encode(kind, np.uint8), "size": _encode(size, np.uint8),
         "edges": _encode(cell_edges(frame)), "walls": _encode(wall_edges(frame)),
     }  # fmt: skip
-
-
-def _mode_data(mode: Mode, frame: Frame) -> dict:
-    u, s = unit_mode(mode, frame), mode[2]
-    period = with_unit(f"period {2 * np.pi / abs(s.imag):.4g}", "time") if s.imag else "no period"
-    grows = with_unit(f", e-folding time {1 / s.real:.4g}", "time") if s.real > 0 else ""
-    u = u.conj() if s.imag > 0 else u  # `view.js` animates all modes as exp(-iωt)
-    return {"words": f"{period}{grows}", "re": _encode(u.real), "im": _encode(u.imag)}
 
 
 def _choose_quantity(data: dict, colour: str | None) -> int:

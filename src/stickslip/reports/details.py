@@ -64,9 +64,15 @@ def to_dict(more: Details) -> dict:
     """Return the details for JSON: null for quantities with an entry in `reasons`."""
     m, t, s = more.moduli, more.transient, more.contacts
     parts = {"moduli": m, "transient": t, "contacts": s}
+    moduli = None
+    if not isinstance(m, str):
+        names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
+        numbers = {name: float(getattr(m, name)) for name in names}
+        moduli = {name: value if np.isfinite(value) else None for name, value in numbers.items()}
+        moduli |= {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
     return {
         "participation_ratio": [float(p) for p in more.participation],
-        "moduli": None if isinstance(m, str) else _moduli_dict(m),
+        "moduli": moduli,
         "transient": None if isinstance(t, str) else {
             **{name: float(getattr(t, name)) for name in ("amplitude", "time", "bound", "of_pair")},
             "norm": t.norm, "duration": float(t.times[-1]), "pair": [float(w) for w in t.pair],
@@ -75,13 +81,6 @@ def to_dict(more: Details) -> dict:
         "contacts_scope": "" if isinstance(s, str) else s.scope,
         "reasons": {name: part for name, part in parts.items() if isinstance(part, str)},
     }  # fmt: skip
-
-
-def _moduli_dict(m: ElasticModuli) -> dict:
-    names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
-    tensors = {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
-    numbers = {name: float(getattr(m, name)) for name in names}
-    return {name: value if np.isfinite(value) else None for name, value in numbers.items()} | tensors
 
 
 def _contact_dict(s: ContactSensitivity, k: int) -> dict:
@@ -211,7 +210,18 @@ def show_bonds(found: BondDetails) -> None:
     if isinstance(decisive, str):
         console.print(f"\ndecisive bonds: none, {decisive}")
     else:
-        _show_decisive(decisive)
+        value = decisive.eigenvalue
+        name = "softest mode" if decisive.verdict == "stable" else "growing mode"
+        imaginary = f" ± {abs(value.imag):.4g}i" if value.imag else ""
+        console.print(f"\nbonds that decide the {name}, {with_unit(f'λ = {value.real:.4g}{imaginary}', '1/time^2')}")
+        table = new_table("grains", "∂ln|λ|/∂ln k", "share of strength", "if it breaks", left=("if it breaks",))
+        for k in range(min(BONDS, len(decisive.bond))):
+            share = f"{decisive.share[k]:.3g}" if decisive.share[k] > 1 / NEVER else "–"
+            slope, after = (decisive.derivative[k] / value).real, decisive.verdict_after[k] or "?"
+            table.add_row(f"{decisive.i[k]}–{decisive.j[k]}", f"{slope:.3g}", share, after)
+        show_table(table)
+        if len(decisive.bond) > BONDS:
+            console.print(f"  and {len(decisive.bond) - BONDS} more with --json")
     if isinstance(breaks, str):
         console.print(f"\nfirst bond to break: none, {breaks}")
     else:
@@ -224,22 +234,3 @@ def show_bonds(found: BondDetails) -> None:
             else:
                 table.add_row(words, "{}–{}".format(*one.pair), f"{one.at:.4g}", one.mode)
         show_table(table)
-
-
-def _show_decisive(found: DecisiveBonds) -> None:
-    value = found.eigenvalue
-    name = "softest mode" if found.verdict == "stable" else "growing mode"
-    imaginary = f" ± {abs(value.imag):.4g}i" if value.imag else ""
-    console.print(f"\nbonds that decide the {name}, {with_unit(f'λ = {value.real:.4g}{imaginary}', '1/time^2')}")
-    table = new_table("grains", "∂ln|λ|/∂ln k", "share of strength", "if it breaks", left=("if it breaks",))
-    for k in range(min(BONDS, len(found.bond))):
-        slope, share = (found.derivative[k] / value).real, found.share[k]
-        table.add_row(
-            f"{found.i[k]}–{found.j[k]}",
-            f"{slope:.3g}",
-            f"{share:.3g}" if share > 1 / NEVER else "–",
-            found.verdict_after[k] or "?",
-        )
-    show_table(table)
-    if len(found.bond) > BONDS:
-        console.print(f"  and {len(found.bond) - BONDS} more with --json")

@@ -127,7 +127,13 @@ def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
     states = {name: state for name, state in states.items() if len(state.grains.radius) == sizes[0][0]}
     nodes = {}
     if states:
-        nodes["frames"] = _frame_node(states, _frame_variables(states, laws, units, _wall_indices(tree, states)))
+        # walls of each state among those of the whole run, since some may have been removed
+        walls, remaining = tree["walls"].split("\n") if isinstance(tree.get("walls"), str) else [], {}
+        for path, state in states.items():
+            mine = tree.get("frame_walls", {}).get(path.rpartition("/")[2], "").split("\n")
+            known = len(mine) == len(state.walls.mass) and set(mine) <= set(walls)
+            remaining[path] = np.array(list(map(walls.index, mine)) if known else range(len(state.walls.mass)), int)
+        nodes["frames"] = _frame_node(states, _frame_variables(states, laws, units, remaining))
     for group, entries in tables.items():
         node = _group_dataset(group, entries, units)
         if node.variables:
@@ -179,18 +185,6 @@ def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> N
             _collect(value._asdict() if hasattr(value, "_asdict") else value, f"{path}/", law, states, tables, laws)
         elif isinstance(value, np.ndarray | int | float | complex) and not isinstance(value, Law):
             tables.setdefault(above, {})[name] = np.asarray(value)
-
-
-def _wall_indices(tree: dict, states: dict[str, State]) -> dict[str, np.ndarray]:
-    """Map the walls of each state to the walls of the whole run, since some may have been removed."""
-    names = tree["walls"].split("\n") if isinstance(tree.get("walls"), str) else []
-    remaining = tree.get("frame_walls", {})
-    out = {}
-    for path, state in states.items():
-        mine = remaining.get(path.rpartition("/")[2], "").split("\n")
-        known = len(mine) == len(state.walls.mass) and set(mine) <= set(names)
-        out[path] = np.array([names.index(name) for name in mine] if known else range(len(state.walls.mass)), int)
-    return out
 
 
 def _frame_variables(states: dict[str, State], laws: dict, units: dict, walls: dict[str, np.ndarray]) -> dict:

@@ -205,10 +205,18 @@ def _growing(main: DiskArrayResult) -> Claim:
 
 
 def _mode_claims(main: DiskArrayResult) -> list[Claim]:
+    """Claims about the mode along y, and the paper's explanation of the backward front by it and its wavelength."""
     modes = point_at_load(main.path, MODE_LOAD).spectrum
     k, shares = y_mode(modes), modes.shares()
     others = f"x {shares[k, 0]:.1%}, rotation {shares[k, 5]:.1%}, at F_x = {MODE_LOAD}"
     press = main.scenario.load.press * main.scenario.load.unit
+    wave, power = wave_power(modes)
+    best = int(np.argmax(power[-1] * shares[:, 1]))
+    strongest, speed = float(wave[np.argmax(power[:, k])]), modes.frequency / wave[-1]
+    counts = {f"{p.load:g}": int((p.spectrum.shares()[:, 1] > PURE).sum()) for p in main.path[:: len(main.path) // 8]}
+    parts = ", ".join(f"{share:.2f} at {q:.2f}" for q, share in zip(wave, power[:, k], strict=True))
+    with np.errstate(divide="ignore"):
+        measured = float(np.divide(modes.frequency[k], strongest))
     return [
         claim("y-mode-share", 'Fig 6: "no projection on either longitudinal or angular degrees of freedom"', 1.0,
               float(shares[k, 1]), "fraction", TOLERANCE["share"], others, error=0.0),
@@ -218,28 +226,13 @@ def _mode_claims(main: DiskArrayResult) -> list[Claim]:
               float(main.pressed_spectrum.frequency[y_mode(main.pressed_spectrum)]), UNIT, TOLERANCE["closed form"],
               "checks the units", error=0.0, reference=float(np.sqrt(1.5 * press ** (1 / 3))),
               reference_source="closed form sqrt(1.5 sqrt(δ_w)), δ_w = (F_y/k_n)^(2/3)"),
-    ]  # fmt: skip
-
-
-def _wave_claims(main: DiskArrayResult) -> list[Claim]:
-    """Claims about the paper's explanation of the backward front: one pure y mode of wavelength 2, and its speed."""
-    modes = point_at_load(main.path, MODE_LOAD).spectrum
-    pure, k = modes.shares()[:, 1] > PURE, y_mode(modes)
-    wave, power = wave_power(modes)
-    best = int(np.argmax(power[-1] * modes.shares()[:, 1]))
-    strongest, speed = float(wave[np.argmax(power[:, k])]), modes.frequency / wave[-1]
-    counts = {f"{p.load:g}": int((p.spectrum.shares()[:, 1] > PURE).sum()) for p in main.path[:: len(main.path) // 8]}
-    shares = ", ".join(f"{share:.2f} at {q:.2f}" for q, share in zip(wave, power[:, k], strict=True))
-    with np.errstate(divide="ignore"):
-        measured = float(np.divide(modes.frequency[k], strongest))
-    return [
         claim("pure-y-modes", 'Fig 6: "one identifies only one which consists of a pure y transverse wave"', 1,
-              int(pure.sum()), "modes", TOLERANCE["pairs"],
+              int((shares[:, 1] > PURE).sum()), "modes", TOLERANCE["pairs"],
               f"modes with more than {PURE:.0%} in y at F_x = {MODE_LOAD}; along the push: "
               f"{', '.join(f'{n} at {load}' for load, n in counts.items())}", error=0.0),
         claim("y-mode-wave-number", 'Fig 6: "a wavelength of approximately 2. Thus the associated k vector is k ≈ π"',
               float(np.pi), strongest, "1/length", TOLERANCE["wave number"],
-              f"strongest Fourier component of y in the mode with most power in y; by wavenumber: {shares}", error=0.0),
+              f"strongest Fourier component of y in the mode with most power in y; by wavenumber: {parts}", error=0.0),
         claim("y-wave-speed", 'Fig 6: "determining a velocity V_2 ≈ 0.235/π ≈ 0.075"', 0.075, measured, "length/time",
               TOLERANCE["front"],
               f"frequency over wave number of the same mode; the mode with most power at wavelength 2, "
@@ -270,7 +263,7 @@ def evaluate_claims(
     printed += _free_run_claims(main)
     printed += [row for arrest in arrests for row in _arrest_claims(arrest)] + _threshold_claims(threshold)
     printed += [*evaluate_fronts(main), _variants(), *_births(main), _coalescence(main), _growing(main)]
-    printed += [*_mode_claims(main), *_wave_claims(main), *evaluate_motion(main, arrests)]
+    printed += [*_mode_claims(main), *evaluate_motion(main, arrests)]
     return [
         *printed, *quarter_spectra, _stability(quarter, suffix), *backward_claims(quarter, suffix),
         *sliding_claims(quarter, suffix),

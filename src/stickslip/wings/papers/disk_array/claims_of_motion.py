@@ -73,8 +73,13 @@ def evaluate_fronts(main: DiskArrayResult) -> list[Claim]:
     """Evaluate the statements for the main scenario."""
     forward = {load: forward_front(main, ensemble) for load, ensemble in main.sliding.items()}
     ratios = {load: halves_ratio(front) for load, front in forward.items() if front}
+    speeds = []
+    for load, paper in V1.items():
+        front, said = forward[load], 'Fig 5: "0.0014 ± 0.00013, 0.0022 ± 0.00015 and 0.0028 ± 8e-5"'
+        note = _count_realizations(front, main, [load]) if front else ""
+        speeds += _speed_claims(f"forward-front-speed-{load:.3f}", "", said, paper, front, note)
     return [
-        *_front_claims(main, forward), *_ratio_claims(main), *_starts(main),
+        *speeds, *backward_claims(main, ""), *_ratio_claims(main), *_starts(main),
         _order({load: forward[load] for load in FRONT_LOADS}),
         claim(
             "forward-front-linear", 'Fig 5: Eq 9, "V_1(F_x) × (τ_i − τ_1) ≈ x_i"', 1.0,
@@ -107,16 +112,6 @@ def _speed_claims(name: str, suffix: str, source: str, paper: float, front: Fron
               f"fitted with a free intercept; {other}; the paper does not state its choice; {note}",
               error=front.free_error),
     ]  # fmt: skip
-
-
-def _front_claims(main: DiskArrayResult, forward: dict[float, Front | None]) -> list[Claim]:
-    out = []
-    for load, paper in V1.items():
-        front = forward[load]
-        said = 'Fig 5: "0.0014 ± 0.00013, 0.0022 ± 0.00015 and 0.0028 ± 8e-5"'
-        note = _count_realizations(front, main, [load]) if front else ""
-        out += _speed_claims(f"forward-front-speed-{load:.3f}", "", said, paper, front, note)
-    return [*out, *backward_claims(main, "")]
 
 
 def _ratio_claims(main: DiskArrayResult) -> list[Claim]:

@@ -84,21 +84,30 @@ UNDEFINED = (
 
 
 def _peaks(result: GougeResult | None) -> list[Claim]:
-    """Claims about the peak at V_r = V_i, the collapse of normalised peaks, and a slope of peaks below b."""
+    """Claims about peaks after holds: their slope, the peak at V_r = V_i, the collapse, and a slope below b."""
+    ratio = "peak-vs-velocity-ratio", "Fig S2: inset of panel a, slope = 0.0155", PEAK_SLOPE
     paper, where = COLLAPSE * PEAK_SLOPE, "Fig S2: panel b and inset, C ≈ 5 times the slope 0.0155"
     collapse = "Fig S2: caption, (μ − μ_ss)/(C + ln(V_r/V_i)) with C ≈ 5"
     below = "Fig S2: inset of panel a, slope 0.0155 < b = 0.0178"
     if result is None:
         return [
+            claim(*ratio, None, "1", TOLERANCE["rate and state"], FULL),
             claim("peak-at-equal-velocities", where, paper, None, "1", PEAK, FULL),
             statement("collapse-of-peaks", collapse, None, FULL),
             statement("slope-below-b", below, None, FULL),
         ]
     before = measures.holds(result)[0]
-    _, after, peaks, _ = reslides_after_longest(result, before)
+    _, after, peaks, hold = reslides_after_longest(result, before)
     x = np.log(after / before)
     first, rate, off = peaks[int(np.argmin(np.abs(x)))], slope(x, peaks), collapse_defect(x, peaks)
+    listed = "; ".join(f"{_interval(p)} at V_r/V_i = {r:.3g}" for r, p in zip(after / before, peaks, strict=True))
     return [
+        claim(
+            *ratio, rate.value, "1", TOLERANCE["rate and state"],
+            f"peak after elastic reloading minus steady friction, per e-fold of the ratio: {_interval(rate)}; "
+            f"{listed}; after holds of {hold:g} s at V_i = {before:g} m/s; {UNDEFINED}; {_scale_note(result)}",
+            error=rate.half / 2,
+        ),
         claim(
             "peak-at-equal-velocities", where, paper, None, "1", PEAK,
             "t̄ = V_i t/D_c, 437 s, is the only definition for which the printed peak lies between the laws: see "
@@ -260,10 +269,9 @@ def evaluate_claims(holds: dict[str, GougeResult], more: dict[str, GougeResult])
     main = next(iter(holds.values()))
     steps = more.get("steps")
     return [
-        *_relaxation(main), _healing(main), _reslide_peaks(more.get("reslides")),
-        *_peaks(more.get("reslides")), _time_step(main.scenario), _definitions(main.scenario), *_law_of_holds(main),
-        *_rate_state_fit(steps), _symmetry(steps), _restitution(holds), *_collisions(holds),
-        *_steady_sliding(main, more), *_energies(main),
+        *_relaxation(main), _healing(main), *_peaks(more.get("reslides")), _time_step(main.scenario),
+        _definitions(main.scenario), *_law_of_holds(main), *_rate_state_fit(steps), _symmetry(steps),
+        _restitution(holds), *_collisions(holds), *_steady_sliding(main, more), *_energies(main),
     ]  # fmt: skip
 
 
@@ -290,11 +298,6 @@ def _error_note(number: Number) -> str:
 def _statement(id: str, source: str, measured: bool | None, note: str, study: str) -> Claim:
     """Make a claim about a statement of another source."""
     return claim(id, source, None, measured, "", 0.0, note, reference=True, reference_source=study)
-
-
-def _missing_claim(id: str, source: str, paper, unit: str, tolerance: float, note: str, **more) -> Claim:
-    """Make a claim without its measurement, which needs a full run."""
-    return claim(id, source, paper, None, unit, tolerance, f"{note}: part of stickslip reproduce gouge --full", **more)
 
 
 def _relaxation(main: GougeResult) -> list[Claim]:
@@ -355,22 +358,6 @@ def _healing(main: GougeResult) -> Claim:
     )  # fmt: skip
 
 
-def _reslide_peaks(result: GougeResult | None) -> Claim:
-    where = "Fig S2: inset of panel a, slope = 0.0155"
-    if result is None:
-        return _missing_claim("peak-vs-velocity-ratio", where, PEAK_SLOPE, "1", TOLERANCE["rate and state"], "not run")
-    before = measures.holds(result)[0]
-    _, after, peaks, hold = reslides_after_longest(result, before)
-    ratios = after / before
-    rate = slope(np.log(ratios), peaks)
-    listed = "; ".join(f"{_interval(p)} at V_r/V_i = {r:.3g}" for r, p in zip(ratios, peaks, strict=True))
-    return claim(
-        "peak-vs-velocity-ratio", where, PEAK_SLOPE, rate.value, "1", TOLERANCE["rate and state"],
-        f"peak after elastic reloading minus steady friction, per e-fold of the ratio: {_interval(rate)}; {listed}; "
-        f"after holds of {hold:g} s at V_i = {before:g} m/s; {UNDEFINED}; {_scale_note(result)}", error=rate.half / 2,
-    )  # fmt: skip
-
-
 def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
     """Claims about a, b and D_c, from a slip-law fit to mean velocity steps with radiation damping."""
     printed = {"a": A, "b": B, "a-minus-b": A - B, "dc": DC}
@@ -380,7 +367,7 @@ def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
         return f"Fig S1: caption, {'a − b' if name == 'a-minus-b' else name} = {printed[name]:.3g}"
 
     if result is None:
-        return [_missing_claim(n, where(n), v, units.get(n, "1"), tolerance, "not run") for n, v in printed.items()]
+        return [claim(n, where(n), v, None, units.get(n, "1"), tolerance, FULL) for n, v in printed.items()]
     records = [steps.data for steps in measures.mean_records(result)]
     seen = measures.response(result)
     eta = max(seen.impedance.value, 0.0)

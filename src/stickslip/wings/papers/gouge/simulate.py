@@ -395,22 +395,19 @@ class _Ensemble(NamedTuple):
             if wrong := next(filter(None, [trunks.reasons[k], *(tests.reasons[b] for b in mine)]), None):
                 out.append(wrong)
                 continue
-            out.append(make_realization(member, member.seed, trunk, [tests.results[b] for b in mine]))
-            self._save(member, out[-1])
+            out.append(made := make_realization(member, member.seed, trunk, [tests.results[b] for b in mine]))
+            if self.samples:
+                write_sample(self.samples, member, made)
+            if self.folder:
+                path = _realization_path(member, self.folder)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                archive.write(path, {"realization": made}, scenario=member.text, version=__version__)
+                self.kept.of(member.digest).clear()
         return out
 
     def _run(self, function: Callable, tasks: list[Task], begin: float, end: float) -> Realizations:
         stage, report = f"realisations ({len(self.alone)} to run)", within(self.report, begin, end)
         return run_realizations(function, tasks, stage=stage, workers=self.workers, device=self.device, report=report)
-
-    def _save(self, member: GougeScenario, result: Realization) -> None:
-        if self.samples:
-            write_sample(self.samples, member, result)
-        if self.folder:
-            path = _realization_path(member, self.folder)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            archive.write(path, {"realization": result}, scenario=member.text, version=__version__)
-            self.kept.of(member.digest).clear()
 
 
 def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:

@@ -66,9 +66,20 @@ def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
         for (sample, state), load in zip(pairs, loads, strict=True)
         if (made := sliding_state(state, sample.law, load))
     ]
+    choices = [s for _, s in states if s.critical > 1]
+    by_value = [s.least_eigenvalue for s in choices if s.least_eigenvalue is not None]
+    by_det = [s.least_determinant for s in choices if s.least_determinant is not None]
     return [
-        *_growth(), _null_modes(main), *_costly_claims(main, quick), _least_stable(states), _shares(states),
-        _sliding_share(states), *_vibrations(pairs[::LOOKS] if quick else pairs),
+        *_growth(), _null_modes(main), *_costly_claims(main, quick),
+        statement(
+            "all-sliding-least-stable",
+            'Sec. V A: "most likely to be unstable is the one where all M_c critical contacts are sliding"',
+            sum(by_value) > len(by_value) / 2 if by_value else None,
+            f"holds in most states: among all statuses, it has the smallest eigenvalue of the symmetric part of k in "
+            f"{sum(by_value)} of {len(by_value)} states with 2 to 6 critical contacts, and the smallest det k in "
+            f"{sum(by_det)} of {len(by_det)} with 2 to 14",
+        ),
+        _shares(states), _sliding_share(states), *_vibrations(pairs[::LOOKS] if quick else pairs),
         statement(
             "linear-law-is-no-restriction", 'Sec. V A: "one could always linearise the force law"',
             linearised < LINEARISED,
@@ -159,19 +170,6 @@ def _costly_claims(main: QuasiResult, quick: bool) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _least_stable(states: list[tuple[int, SlidingState]]) -> Claim:
-    by_value = [s.least_eigenvalue for _, s in states if s.critical > 1 and s.least_eigenvalue is not None]
-    by_det = [s.least_determinant for _, s in states if s.critical > 1 and s.least_determinant is not None]
-    return statement(
-        "all-sliding-least-stable",
-        'Sec. V A: "most likely to be unstable is the one where all M_c critical contacts are sliding"',
-        sum(by_value) > len(by_value) / 2 if by_value else None,
-        f"holds in most states: among all statuses, it has the smallest eigenvalue of the symmetric part of k in "
-        f"{sum(by_value)} of {len(by_value)} states with 2 to 6 critical contacts, and the smallest det k in "
-        f"{sum(by_det)} of {len(by_det)} with 2 to 14",
-    )  # fmt: skip
-
-
 def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
     """Claim about the mean contribution of sliding contacts to Q, with the error between samples."""
     seeds = sorted({seed for seed, _ in states})
@@ -248,9 +246,18 @@ SHOWS = {
 
 def evaluate_claims(main: QuasiResult, *, cases: int = CASES, quick: bool = False) -> list[Claim]:
     """Evaluate all claims; values are medians over samples, and the notes give ranges."""
-    drawn, opened = status_cases(main, cases), apex_cases(main, cases)
+    drawn, opened, errors = status_cases(main, cases), apex_cases(main, cases), []
+    for sample in main.tested:  # at the state with most sliding contacts before the last tenth of the path
+        early = [p for p in sample.path.points if p.load <= 0.9 * sample.path.points[-1].load]
+        errors.append(table_one(max(early, key=lambda p: p.sliding).state, sample.law))
+    worst = {name: max(e[name] for e in errors) for name in errors[0]}
     return [
-        _table_one(main), *_status_claims(main, drawn), _slow_error(main), _collapse(main), _premise(main),
+        statement(
+            "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", max(worst.values()) < RELATIONS,
+            f"compared with the engine's forces in states with sliding contacts; relative errors: "
+            f"{', '.join(f'{name} to {value:.0e}' for name, value in worst.items())} (steps of 1e-7 radii)",
+        ),
+        *_status_claims(main, drawn), _slow_error(main), _collapse(main), _premise(main),
         _flutter(main),
         claim(
             "apex-counterexample", 'Sec. V B: "are these four states mutually exclusive?" is left open', None,
@@ -263,20 +270,6 @@ def evaluate_claims(main: QuasiResult, *, cases: int = CASES, quick: bool = Fals
         ),
         _mechanisms(main), *evaluate_motion(main, quick),
     ]  # fmt: skip
-
-
-def _table_one(main: QuasiResult) -> Claim:
-    errors = []
-    for sample in main.tested:  # at the state with most sliding contacts before the last tenth of the path
-        early = [p for p in sample.path.points if p.load <= 0.9 * sample.path.points[-1].load]
-        errors.append(table_one(max(early, key=lambda p: p.sliding).state, sample.law))
-    worst = {name: max(e[name] for e in errors) for name in errors[0]}
-    listed = ", ".join(f"{name} to {value:.0e}" for name, value in worst.items())
-    return statement(
-        "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", max(worst.values()) < RELATIONS,
-        f"compared with the engine's forces in states with sliding contacts; relative errors: {listed} (steps of 1e-7 "
-        f"radii)",
-    )  # fmt: skip
 
 
 def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
