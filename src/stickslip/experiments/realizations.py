@@ -1,4 +1,4 @@
-"""What simulations of all experiments share: law and packing of a scenario, and the loop over its realisations.
+"""Parts of all simulations: the law and the packing of a scenario, and the loop over its realisations.
 
 Realisations run in parallel, are saved, skipped if they are, and reported if they fail. On a device, legs of several,
 each in a separate thread, run side by side in one batch (`Together`).

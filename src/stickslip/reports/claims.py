@@ -404,9 +404,9 @@ def _most_missed(missed: list[Claim], shows: Shows) -> str:
     verb = "is" if number == 1 else "are"
     how = "the disagreement is in" if number == len(missed) else f"of the rows that disagree, {share} {verb} in"
     here = [c for c in missed if place(c) == most]
-    what, key = shows.get(most, ("", ""))
+    content, key = shows.get(most, ("", ""))
     quoted = next((c for c in here if c.id == key), here[0])
-    return f"{how} {most}{f' ({what})' if what else ''}: {_quote(quoted)}"
+    return f"{how} {most}{f' ({content})' if content else ''}: {_quote(quoted)}"
 
 
 def _undecided_cause(made: Claim) -> str:

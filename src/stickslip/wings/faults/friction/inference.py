@@ -1,4 +1,4 @@
-"""What follows from a fit: the posterior distribution of its parameters, its comparison with another, and remedies.
+"""Conclusions from a fit: the posterior distribution of its parameters, its comparison with another, and remedies.
 
 The posterior is sampled by Markov chains with emcee. The priors are uniform in the coordinates of the fit: logarithms
 of positive parameters, and the others themselves. The likelihood is that of the filtered residuals, with the
