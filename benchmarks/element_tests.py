@@ -16,7 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import stickslip as ss
-from stickslip.experiments.samples import make_law
+from stickslip.experiments.realizations import make_law
 from stickslip.loading.compression import compression_scales
 from stickslip.loading.settling import settle
 from stickslip.solve.newton import Factorisation

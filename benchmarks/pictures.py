@@ -4,7 +4,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from stickslip.figures.saving import save
+from stickslip.figures.style import save
 
 SHRINK, COLORS = 0.7, 256  # from 300 dots per inch
 

@@ -8,8 +8,7 @@ import time
 
 import numpy as np
 
-from stickslip.wings.faults.friction.laws import history
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, slider_of
+from stickslip.wings.faults.friction.laws import RateState, Spring, history, slider_of
 
 TOLERANCE, TIGHTER, EXACT, SAMPLES, ROUNDS = 1e-10, 1e-12, 1e-13, 500, 25
 # Ferdowsi & Rubin 2021, with a spring and the aging law

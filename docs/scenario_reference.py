@@ -9,9 +9,8 @@ from pathlib import Path
 
 from stickslip.core.progress import LIMITS, MOST
 from stickslip.data.schema import ScenarioBase, split_unit
-from stickslip.experiments.experiment import table_of
 from stickslip.experiments.quantities import estimate, median
-from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.experiments.registry import EXPERIMENTS, table_of
 from stickslip.runs.sweep.axes import DRAWN, KINDS, SPACED, Options, Values
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

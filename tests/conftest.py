@@ -25,7 +25,7 @@ from stickslip.core.contacts.forces import accept, forces
 from stickslip.core.laws.builtin import for_pair
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
 from stickslip.data.sample import LAWS
-from stickslip.figures import saving
+from stickslip.figures import style
 from stickslip.solve import birth
 
 settings.register_profile("ci", deadline=None, max_examples=40, derandomize=True)
@@ -138,7 +138,7 @@ def without_drawing():
     """Write noise for figures that nobody checks, in fixtures of modules and sessions."""
     with pytest.MonkeyPatch.context() as now:
         now.setattr(Figure, "savefig", save_noise)
-        now.setattr(saving, "_letter", lambda figure: [])  # placed after a layout, half the time of drawing
+        now.setattr(style, "_letter", lambda figure: [])  # placed after a layout, half the time of drawing
         yield
 
 

@@ -10,9 +10,8 @@ import threading
 
 import pytest
 
-from stickslip.ensemble import cluster as cluster_room
-from stickslip.ensemble import reach, run_members
-from stickslip.ensemble.cluster import connect
+from stickslip.ensemble import pool, reach, run_members
+from stickslip.ensemble.pool import connect
 from stickslip.runs.sweep.dataset import open_sweep
 from stickslip.runs.sweep.run import run_sweep
 from tests.ensemble import tasks
@@ -145,7 +144,7 @@ def test_a_kernel_that_keeps_the_interpreter_does_not_cost_the_worker(cluster):
 
 @pytest.mark.parametrize("says", [b"", b"HTTP/1.0 400 Bad Request\r\n\r\n"], ids=["mute", "http"])
 def test_a_port_at_which_somebody_else_listens_is_given_up(monkeypatch, says):
-    monkeypatch.setattr(cluster_room, "PATIENCE", 0.3)
+    monkeypatch.setattr(pool, "PATIENCE", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer():

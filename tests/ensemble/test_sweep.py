@@ -14,7 +14,7 @@ from stickslip.data.run_files import SWEEP
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
 from stickslip.runs.folder import find_unfinished
 from stickslip.runs.page import folder_content
-from stickslip.runs.sweep import report
+from stickslip.runs.sweep import run
 from stickslip.runs.sweep.axes import OPTIONS, quantiles, short_names
 from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep, write_sweep
 from stickslip.runs.sweep.definition import members, read_sweep, sweep
@@ -302,7 +302,7 @@ def test_measures_that_no_member_has_fill_no_rows(tmp_path, capsys):
     made = [{"seconds": 1.0, "measures": {"known": (k, "1")} | none} for k in (1.0, 2.0)]
     chosen = small(**{"surface.mu0": [0.3, 0.5], "seed": [0]})
     names = ["a", "b"]
-    report.show(SweepResult(chosen, names, made, ["", ""], 0))
+    run.show(SweepResult(chosen, names, made, ["", ""], 0))
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["known", "1", "2", "1", "1.5", "2"] in lines
     assert ["Measures", "without", "a", "value", "in", "any", "member:", "nowhere."] in lines

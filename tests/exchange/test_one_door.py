@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.doctor.report import parts
+from stickslip.doctor import parts
 from stickslip.examples import path as example
 from stickslip.extras import EXTRAS
 from stickslip.loading.reading import convert

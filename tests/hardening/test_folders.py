@@ -18,7 +18,7 @@ from stickslip.ensemble import pool
 from stickslip.experiments.registry import is_run_file, list_files
 from stickslip.runs import folder as report
 from stickslip.runs.folder import find_unfinished
-from stickslip.runs.sweep import report as sweep_report
+from stickslip.runs.sweep import run as sweep_run
 from stickslip.runs.sweep.run import SweepResult
 from stickslip.wings.faults.rate_state import simulate as slider
 from tests.conftest import stickslip_here, without_drawing
@@ -294,7 +294,7 @@ def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, ran, tm
         "members": ("run_sweep", stopped), "settling": ("write_manifest", stopped), "failing": ("run_sweep", failed)
     }[when]  # fmt: skip
     with monkeypatch.context() as now:
-        now.setattr(sweep_report, place, stop)
+        now.setattr(sweep_run, place, stop)
         done = call(*arguments)
         assert done.code == (1 if when == "failing" else 130)
     after = contents(tmp_path / "many")

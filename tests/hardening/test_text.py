@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.core.laws.builtin import laws_equal
 from stickslip.core.text import LONGEST, bounded
 from stickslip.data.exchange.files import write_packing
-from stickslip.ensemble import cluster
+from stickslip.ensemble import pool
 from stickslip.experiments.registry import read_scenario, read_tables
 from stickslip.loading.reading import read_packing
 from tests.conftest import stickslip_here
@@ -62,7 +62,7 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
     assert laws_equal(marked, ss.laws.from_file(saved(tmp_path / "b.py", LAW, "utf-8")))
     for name, text in (("a.dump", DUMP), ("a.data", data_file(tmp_path))):
         assert len(read_packing(saved(tmp_path / name, text), law="linear")[0].grains.radius) == 2
-    assert cluster._read_json(saved(tmp_path / "s.json", '{"address": "tcp://a:1"}')) == {"address": "tcp://a:1"}
+    assert pool._read_json(saved(tmp_path / "s.json", '{"address": "tcp://a:1"}')) == {"address": "tcp://a:1"}
 
 
 READ = {

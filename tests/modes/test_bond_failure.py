@@ -5,7 +5,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.state import FAILURES
-from stickslip.reports import bonds
+from stickslip.reports import details
 
 LAW = ss.laws.hertz_mindlin(mu=0.5)
 ERRORS = {1e-4: 1e-3, 1e-3: 1e-2}  # of the amount, by the factor on strengths
@@ -67,10 +67,10 @@ def test_a_stress_is_what_grows_if_one_is_given(cemented):
 
 def test_derivatives_of_the_deciding_mode_are_those_of_stiffer_bonds(cemented, capsys):
     found = ss.modes.decisive_bonds(cemented, LAW)
-    details = bonds.BondDetails(found, "not computed")
-    bonds.show(details)
-    assert f"and {len(found.bond) - bonds.SHOWN} more with --json" in capsys.readouterr().out
-    assert len(bonds.to_dict(details)["decisive"]["bonds"]) == len(cemented.bonds.i)
+    table = details.BondDetails(found, "not computed")
+    details.show_bonds(table)
+    assert f"and {len(found.bond) - details.BONDS} more with --json" in capsys.readouterr().out
+    assert len(details.bonds_dict(table)["decisive"]["bonds"]) == len(cemented.bonds.i)
     for k in (0, 1):
         values = []
         for factor in (1 - 1e-4, 1 + 1e-4):

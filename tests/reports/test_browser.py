@@ -14,7 +14,7 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.figures import page
-from stickslip.figures.view3d import page_view
+from stickslip.figures.scene import page_view
 from tests.exchange.packings import SHARP
 
 from .test_reports import swinging

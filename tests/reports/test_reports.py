@@ -22,7 +22,7 @@ from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.figures import animation
 from stickslip.figures.animation import frames_between
 from stickslip.figures.grains import BALL, PIECES
-from stickslip.figures.outlines import quantities, up_direction, view_basis
+from stickslip.figures.scene import quantities, up_direction, view_basis
 from stickslip.figures.style import BLUE, RED
 from stickslip.runs.folder import write_numbers
 from tests.conftest import stickslip_here as run

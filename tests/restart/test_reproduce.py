@@ -29,7 +29,7 @@ def test_a_stopped_reproduction_goes_on_with_its_options(name, option, tmp_path,
         checkpoint_in(folder, papers()[name].paper.scenario()).of("part").save("piece", 1.0)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(inspect.getmodule(real), "reproduce", stop)
+    monkeypatch.setattr(inspect.getmodule(real), real.__name__, stop)
     kind = reproduction_arguments(name).model_fields[option].annotation
     value, flag = VALUES[kind], f"--{option.replace('_', '-')}"
     words = [*NEEDED.get(option, []), flag, *([] if kind is bool else [value])]

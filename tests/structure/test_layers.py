@@ -40,7 +40,7 @@ def test_no_import_cycles_between_modules():
         ("import stickslip.reports.packing, stickslip.data.exchange.files, stickslip.reports.terminal",
          ("matplotlib", "h5py", "xarray", "pandas", "scipy.stats", "scipy.optimize", "scipy.spatial")),
         # pyplot belongs to the user: with it, a backend is chosen
-        ("import stickslip.figures.animation, stickslip.figures.saving", ("matplotlib.pyplot",)),
+        ("import stickslip.figures.animation, stickslip.figures.style", ("matplotlib.pyplot",)),
     ],
     ids=["package", "help", "stability", "figures"],
 )  # fmt: skip

@@ -20,9 +20,8 @@ import yaml
 from packaging.requirements import Requirement
 
 from benchmarks.records import stale_in_readme
-from stickslip import __version__, extras
+from stickslip import __version__, doctor, extras
 from stickslip._core import build
-from stickslip.doctor import report
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -251,7 +250,7 @@ def test_the_sample_of_the_doctor_is_what_it_says_today():
     sample = page.partition("    Versions\n")[2]
     assert f"stickslip    {__version__}\n" in sample
     listed = re.findall(r"^     (\w+) ", sample, flags=re.M)
-    assert {*report.CORE, *PROJECT["optional-dependencies"]} <= set(listed)
+    assert {*doctor.CORE, *PROJECT["optional-dependencies"]} <= set(listed)
     assert all(f"| `{extra}` |" in page for extra in PROJECT["optional-dependencies"])
 
 

@@ -14,9 +14,8 @@ import stickslip as ss
 from stickslip.core.state import empty_contacts
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.figures.grains import bare_frame, layout_of
-from stickslip.figures.outlines import body_limits, quantities
+from stickslip.figures.scene import body_limits, quantities, view_box
 from stickslip.figures.style import column_axes, label_axes, plot_fast, styled
-from stickslip.figures.view3d import view_box
 from stickslip.solve.freedom import freedom
 from stickslip.solve.spectrum import Spectrum
 from stickslip.wings.faults.rate_state import figures as rate_state

@@ -9,8 +9,8 @@ from matplotlib.colors import to_rgba
 
 import stickslip as ss
 from stickslip.data.exchange.frame import with_bonds
+from stickslip.figures.scene import _decode, view_data
 from stickslip.figures.style import BOND, BROKEN
-from stickslip.figures.view3d import _decode, view_data
 
 LAW = ss.laws.hertz_mindlin(mu=0.3)
 PLACE = [[1.0, 1.0, 0.0], [1.99, 1.0, 0.0], [3.1, 1.0, 0.0], [4.15, 1.0, 0.0], [1.0, 2.1, 0.0]]

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 import stickslip as ss
-from stickslip.experiments.experiment import Experiment
-from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.experiments.registry import EXPERIMENTS, Experiment
 from stickslip.runs import bundled as sources
 from tests.conftest import stickslip_here as stickslip
 

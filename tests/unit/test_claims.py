@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from stickslip.data import run_files
-from stickslip.reports import claims_report, terminal
+from stickslip.reports import claims as report
+from stickslip.reports import terminal
 from stickslip.reports.claims import (
     ALWAYS,
     CAN,
@@ -251,7 +252,7 @@ SUMMARY = (
 
 @pytest.fixture
 def room(tmp_path):
-    claims_report.write_claims(tmp_path, ROWS, SHOWS, "Paper 9")
+    report.write_claims(tmp_path, ROWS, SHOWS, "Paper 9")
     return tmp_path
 
 
@@ -282,7 +283,7 @@ def test_claims_md_has_every_row_in_a_table_of_its_figure_and_every_note(room):
 
 
 def test_what_failed_is_reported_in_claims_md_and_on_the_terminal(tmp_path, capsys):
-    claims_report.write_claims(tmp_path, ROWS[:1], SHOWS, "Paper 9", ["sample 4: no rest [after 9 s]"])
+    report.write_claims(tmp_path, ROWS[:1], SHOWS, "Paper 9", ["sample 4: no rest [after 9 s]"])
     assert "sample 4: no rest [after 9 s]" in capsys.readouterr().out
     text = (tmp_path / run_files.NOTES).read_text()
     assert text.index("Missing, because they failed:\n\n- sample 4: no rest [after 9 s]\n") < text.index(
@@ -294,29 +295,29 @@ def test_claims_png_has_a_row_for_each_claim(room):
     with Image.open(room / run_files.CHART) as picture:
         assert len(picture.convert("L").getcolors()) > 20
         lower = picture.size[1]
-    claims_report.write_claims(room, ROWS[:5], SHOWS, "Paper 9")
+    report.write_claims(room, ROWS[:5], SHOWS, "Paper 9")
     with Image.open(room / run_files.CHART) as picture:
         assert picture.size[1] < lower
 
 
 def test_deviations_are_in_tolerances():
-    drawn = {(row.label, row.group): row for row in claims_report.chart_rows(ROWS, SHOWS)}
+    drawn = {(row.label, row.group): row for row in report.chart_rows(ROWS, SHOWS)}
     assert drawn["speed", "Fig 1"].deviation == pytest.approx([0.005 / (0.25 * 0.075)])
     assert drawn["speed", "Fig 1"].error == pytest.approx(0.005 / (0.25 * 0.075))
     assert drawn["window", "Fig 1"].deviation == pytest.approx([0, 15])
     assert drawn["mode", "Sec. V"].beside_reference
     assert drawn["premise", "Sec. V"].deviation == drawn["bare", "Sec. V"].deviation == ()
     assert list(drawn)[-1] == ("speed", "Fig 1 @other")
-    factor, _ = claims_report.deviation(-1e-3, -2e-3, 1.0, 0.0)
+    factor, _ = report.deviation(-1e-3, -2e-3, 1.0, 0.0)
     assert factor == pytest.approx([-1.0])
-    assert claims_report.deviation(1.0, 3.0, 0.0, 0.0)[0] == (math.inf,)
+    assert report.deviation(1.0, 3.0, 0.0, 0.0)[0] == (math.inf,)
 
 
 def test_the_terminal_shows_three_sentences_and_a_line_for_each_figure(monkeypatch):
     for width in (80, 120):
         monkeypatch.setattr(terminal.console, "_width", width)
         with terminal.console.capture() as said:
-            claims_report.show_claims(ROWS, SHOWS)
+            report.show_claims(ROWS, SHOWS)
         lines = said.get().splitlines()
         text = " ".join(said.get().split())
         assert max(map(len, lines)) <= width
@@ -334,7 +335,7 @@ def test_the_terminal_shows_three_sentences_and_a_line_for_each_figure(monkeypat
 
 def test_when_all_is_well_the_terminal_says_so():
     row = [ROWS[0]]
-    assert claims_report.summarize(row, SHOWS) == (
+    assert report.summarize(row, SHOWS) == (
         "Of the paper's sentences, 1 has a row, and 1 of these is decided.",
         "1 of the paper's 1 claims is reproduced.",
         "Every claim agrees within its tolerance.",
@@ -348,10 +349,10 @@ def test_a_sentence_is_decided_once_all_of_its_rows_are():
         claim("bare", "Fig 1: nothing", None, 1.0, "1", 0.1),
         claim("other@b", "Fig 1: variant", 1.0, None, "", 0.1),
     ]
-    assert claims_report.count_sentences([*same, other, *beside]) == (2, 2)
+    assert report.count_sentences([*same, other, *beside]) == (2, 2)
     left_open = claim("speed-4", "Fig 1: 2 and 3", 4.0, None, "1", 0.1, "it would take a run of a year")
-    assert claims_report.count_sentences([*same, left_open, other, *beside]) == (2, 1)
-    assert claims_report.count_sentences([*same, left_open._replace(source="Fig 2: 4"), other]) == (3, 2)
+    assert report.count_sentences([*same, left_open, other, *beside]) == (2, 1)
+    assert report.count_sentences([*same, left_open._replace(source="Fig 2: 4"), other]) == (3, 2)
 
 
 def test_claims_json_of_an_older_run_is_still_read(tmp_path):

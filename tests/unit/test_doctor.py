@@ -5,19 +5,18 @@ import json
 import numpy as np
 import pytest
 
-from stickslip import extras
+from stickslip import doctor, extras
 from stickslip._core import build
-from stickslip.doctor import report, selfcheck
-from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, compare
+from stickslip.doctor import BITS, PROBLEM, TOLERANCES, compare
 from tests.conftest import stickslip_here as stickslip
 from tests.conftest import stickslip_process
 
-STORED = json.loads(selfcheck.STORED.read_text())
+STORED = json.loads(doctor.STORED.read_text())
 
 
 @pytest.fixture(scope="module")
 def found():
-    return selfcheck.measure()
+    return doctor.measure()
 
 
 def test_the_numbers_are_the_stored_ones(found):
@@ -50,19 +49,19 @@ def test_what_breaks_on_the_way_is_reported_and_the_rest_goes_on(monkeypatch, ca
     def broken():
         raise TypeError("no\nsuch compiler")
 
-    monkeypatch.setattr("stickslip.wings.faults.friction.ratestate.selfchecks", broken)
-    monkeypatch.setattr(selfcheck, "measure_array", lambda law: {})
-    result = selfcheck.selfcheck()
+    monkeypatch.setattr("stickslip.wings.faults.friction.laws.selfchecks", broken)
+    monkeypatch.setattr(doctor, "measure_array", lambda law: {})
+    result = doctor.selfcheck()
     assert not result.ok
     assert result.problem == "faults: TypeError: no such compiler"
     assert [check.ok for check in result.checks if check.name.startswith(("contact", "quasi"))] == [True] * 4
-    report.show_checks(result)
+    doctor.show_checks(result)
     said = capsys.readouterr().out
     assert "no such compiler" in said
     assert "4 of 8 numbers are wrong" in said
-    report.show_checks(result._replace(checks=result.checks[:-1], problem=""))
+    doctor.show_checks(result._replace(checks=result.checks[:-1], problem=""))
     assert f"{3 + result.checks[-1].ok} of 7 numbers are wrong" in capsys.readouterr().out
-    wrong = [row for row in json.loads(report.to_json({}, {}, {}, [], result))["selfcheck"] if not row["ok"]]
+    wrong = [row for row in json.loads(doctor.to_json({}, {}, {}, [], result))["selfcheck"] if not row["ok"]]
     assert [row["deviation"] for row in wrong] == [None] * 4
     assert [row["measured"] for row in wrong if row["name"] != BITS] == [None] * 3
 
@@ -81,7 +80,7 @@ def test_the_command_tells_and_succeeds(tmp_path):
 def test_json_is_one_object_and_a_wrong_number_ends_with_1(tmp_path, monkeypatch):
     stored = STORED | {"numbers": STORED["numbers"] | {"contact force, normal": 1.0}}
     (tmp_path / "numbers.json").write_text(json.dumps(stored))
-    monkeypatch.setattr(selfcheck, "STORED", tmp_path / "numbers.json")
+    monkeypatch.setattr(doctor, "STORED", tmp_path / "numbers.json")
     run = stickslip("doctor", "--json")
     assert run.returncode == 1
     out = json.loads(run.stdout)
@@ -93,10 +92,10 @@ def test_json_is_one_object_and_a_wrong_number_ends_with_1(tmp_path, monkeypatch
 
 def test_missing_and_broken_parts_say_what_installs_them(monkeypatch):
     monkeypatch.setattr(extras, "is_installed", lambda library: library not in ("gsd", "furo"))
-    monkeypatch.setattr(report, "factorised", lambda matrix, method: 1 / 0)
+    monkeypatch.setattr(doctor, "factorised", lambda matrix, method: 1 / 0)
     monkeypatch.setattr("stickslip.wings.lammps.run.load_error", lambda: "libmpi.so.12: cannot open shared object file")
-    monkeypatch.setattr(report, "which", lambda name: None)
-    parts = {part.name: part for part in report.parts()}
+    monkeypatch.setattr(doctor, "which", lambda name: None)
+    parts = {part.name: part for part in doctor.parts()}
     assert parts["exchange"].remedy == '`pip install "stickslip[exchange]"`'
     assert parts["exchange"].found.endswith("gsd missing")
     assert parts["docs"].found.endswith("furo missing")
@@ -108,11 +107,11 @@ def test_missing_and_broken_parts_say_what_installs_them(monkeypatch):
 
 
 def test_doctor_tells_the_level_and_compiler_of_the_core(monkeypatch):
-    told = report.compiled_core()
+    told = doctor.compiled_core()
     assert told["level"] in build.LEVELS and told["level"] in told["levels"]
     assert told["compiler"]
     monkeypatch.setenv("STICKSLIP_LEVEL", "base")
-    assert report.compiled_core()["level"] == "base"
+    assert doctor.compiled_core()["level"] == "base"
 
 
 def test_another_folder_remembers_if_none_can_be_written(monkeypatch, tmp_path):

@@ -14,7 +14,7 @@ import pytest
 from scipy import sparse
 
 from stickslip import extras
-from stickslip.doctor.selfcheck import STORED
+from stickslip.doctor import STORED
 from stickslip.figures import animation
 from stickslip.solve import linear
 

@@ -8,8 +8,7 @@ import pytest
 import stickslip as ss
 from stickslip.core import arguments
 from stickslip.core.dynamics.ledger import Ledger
-from stickslip.experiments.experiment import meaning_of
-from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.experiments.registry import EXPERIMENTS, meaning_of
 from stickslip.wings.faults.fault.simulate import FaultResult
 from stickslip.wings.faults.friction.fault_cycles import Energy
 from stickslip.wings.faults.friction.fault_record import FaultEvents

@@ -17,8 +17,7 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.figures.saving import Look, _letter, render, save
-from stickslip.figures.style import column_axes, label_axes, legend_above, styled
+from stickslip.figures.style import Look, _letter, column_axes, label_axes, legend_above, render, save, styled
 from stickslip.runs.folder import find_unfinished, mark_look, write_result
 from tests.conftest import stickslip_here
 

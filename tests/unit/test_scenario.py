@@ -8,8 +8,8 @@ import pytest
 import stickslip as ss
 from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T, KT
 from stickslip.data import archive
+from stickslip.experiments.realizations import make_law as law_of
 from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
-from stickslip.experiments.samples import make_law as law_of
 from stickslip.loading.protocols import Change, perturbed
 from stickslip.wings.studies.flow.scenario import FlowLaw
 from tests.conftest import make_law, make_packing, stirred

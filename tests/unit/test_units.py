@@ -28,8 +28,7 @@ from stickslip.core.units import (
 from stickslip.data import archive
 from stickslip.data.exchange.files import packing_units
 from stickslip.experiments.registry import EXPERIMENTS, read_tables
-from stickslip.figures.outlines import quantities
-from stickslip.figures.view3d import view_data
+from stickslip.figures.scene import quantities, view_data
 from stickslip.loading.event_class import Events
 from stickslip.runs import page
 from stickslip.runs.folder import write_result

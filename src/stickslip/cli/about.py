@@ -112,12 +112,12 @@ def doctor(
     as_json: AsJson = False,
 ) -> None:
     """Check this installation: versions, threads, core, optional parts and a self-check; exit code 1 if it fails."""
-    from ..doctor import report as doctor_report
+    from ..doctor import examine
     from ..reports import terminal
     from ..runs import json_output
 
     with terminal.console_output(quiet=quiet, as_json=as_json):
-        ok, text = doctor_report.examine(as_json=as_json)
+        ok, text = examine(as_json=as_json)
     if as_json:
         about = json_output.common_fields("doctor", status="finished" if ok else "failed")
         print(json_output.to_json(about | json.loads(text)))

@@ -161,7 +161,7 @@ class FigureOptions(NamedTuple):
 
     def look(self):
         """Return the look of figures; raise ValueError for an unavailable format or width."""
-        from ..figures.saving import FORMATS, WIDTHS, look_of
+        from ..figures.style import FORMATS, WIDTHS, look_of
 
         for kind in self.formats or ():
             check_choice("format", kind, FORMATS)
@@ -205,22 +205,19 @@ def command(**how):
             filled = {name: kind(*(given.pop(field) for field in kind._fields)) for name, kind in groups.items()}
             return function(**given, **filled)
 
-        single = [option for p in own for option in (_options_of(p.annotation) if p.name in groups else [p])]
+        single = []
+        for p in own:
+            if p.name not in groups:
+                single.append(p)
+                continue
+            kinds, defaults = get_type_hints(p.annotation, include_extras=True), p.annotation._field_defaults
+            single += [Parameter(name, p.kind, default=defaults[name], annotation=kinds[name]) for name in kinds]
         del call.__wrapped__
         call.__signature__ = Signature([p.replace(kind=Parameter.KEYWORD_ONLY) for p in single])
         call.__annotations__ = {p.name: p.annotation for p in single}
         return app.command(**how)(call)
 
     return register
-
-
-def _options_of(group: type) -> list[Parameter]:
-    """Parameters for the fields of a NamedTuple."""
-    kinds = get_type_hints(group, include_extras=True)
-    return [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=group._field_defaults[name], annotation=kinds[name])
-        for name in group._fields
-    ]
 
 
 def examples(*pairs: tuple[str, str]) -> str:
@@ -345,7 +342,10 @@ def _raise_interrupt(number: int, _) -> None:
 def main() -> None:
     """Run the command line; exit code 2 for bad input and 1 for a failed run, each with one sentence."""
     codecs.register_error("spelled", _transliterate)
-    _reopen_closed_streams()
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed: the null device, as a results file could otherwise get its descriptor
+            number = os.open(os.devnull, os.O_RDWR)
+            setattr(sys, name, os.fdopen(number, "r" if name == "stdin" else "w", encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="spelled")
@@ -389,14 +389,6 @@ def _usage_message(problem) -> str:
     near = " or ".join(f"--{one}" for one in options_like(word, options))
     hint = f"did you mean {near}? " if near else ""
     return f"unknown option {word}: {hint}`{context.command_path} --help` lists the options"
-
-
-def _reopen_closed_streams() -> None:
-    """Connect closed standard streams to the null device; a results file could otherwise receive their descriptors."""
-    for name in ("stdin", "stdout", "stderr"):
-        if getattr(sys, name) is None:
-            number = os.open(os.devnull, os.O_RDWR)
-            setattr(sys, name, os.fdopen(number, "r" if name == "stdin" else "w", encoding="utf-8"))
 
 
 def _transliterate(problem: UnicodeError) -> tuple[str, int]:

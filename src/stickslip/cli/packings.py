@@ -253,7 +253,7 @@ def stability(
                 more = compute_details(state, its_law, result, report=tell)
             cement = None
             if state.bonds and result.balanced:
-                from ..reports.bonds import compute_bonds
+                from ..reports.details import compute_bonds
 
                 cement = compute_bonds(state, its_law)
             form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
@@ -392,7 +392,7 @@ class ViewOptions(NamedTuple):
     def enlargement(self):
         """Zoom of figures; raise ValueError if it is not allowed."""
         from ..core.text import parse_number
-        from ..figures.outlines import check_zoom
+        from ..figures.scene import check_zoom
 
         zoom = "1" if self.zoom is None else self.zoom
         with suppress(ValueError):
@@ -431,7 +431,7 @@ def report(
     their distribution, force chains, the strong network, and the anisotropies of contacts and forces.
     """
     from ..data.run_files import PAGE
-    from ..figures.saving import FORMATS
+    from ..figures.style import FORMATS
     from ..reports import page, terminal
     from ..runs.page import is_run, load_content
 

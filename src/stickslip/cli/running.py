@@ -158,7 +158,7 @@ def _reproduce_in(
     """Run or continue a paper's experiment in a folder."""
     from ..experiments.registry import papers
     from ..reports import terminal
-    from ..reports.claims_report import show_claims
+    from ..reports.claims import show_claims
     from ..runs import json_output
     from ..runs.folder import write_reproduction
 
@@ -414,7 +414,7 @@ def _run_sweep_in(
 ) -> None:  # fmt: skip
     """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1."""
     from ..runs import json_output
-    from ..runs.sweep import report as sweep_report
+    from ..runs.sweep import run as sweep_run
     from ..runs.sweep.definition import sweep
 
     chosen = sweep(**tables)
@@ -426,19 +426,19 @@ def _run_sweep_in(
             return True
         return typer.confirm(f"Run {chosen.count} members?")
 
-    swept = sweep_report.run_with_progress(
+    swept = sweep_run.run_with_progress(
         chosen, out, **spread, overwrite=overwrite, figures=figures, look=look, confirm=confirm,
         part=part, gather=gather,
     )  # fmt: skip
     if swept is None:
         return print("nothing was run")
     answer, sentence = (
-        json_output.describe_sweep(command, out, swept, sweep_report.ranges(swept)),
-        sweep_report.failure_summary(swept),
+        json_output.describe_sweep(command, out, swept, sweep_run.ranges(swept)),
+        sweep_run.failure_summary(swept),
     )
     if sentence and output.as_json:
         raise FailedError(sentence, json_output.to_jsonable(answer))
-    finish(lambda: answer, answer["files"], lambda: sweep_report.show(swept), output)
+    finish(lambda: answer, answer["files"], lambda: sweep_run.show(swept), output)
     if sentence:
         raise RuntimeError(sentence)
     return None

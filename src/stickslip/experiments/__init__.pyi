@@ -10,5 +10,5 @@ from ..wings.soils import element_test as element_test
 from ..wings.studies import catalogue as catalogue
 from ..wings.studies import flow as flow
 from ..wings.studies import threshold as threshold
-from .experiment import Experiment as Experiment
 from .registry import EXPERIMENTS as EXPERIMENTS
+from .registry import Experiment as Experiment

@@ -188,13 +188,13 @@ class Measures(Quantities):
             values = {name: column.tolist() for name, column in Quantities(self).columns(self.samples(result)).items()}
         else:
             values = super().of(self.subject(result))
-        return {name: self._reduce(self.row(name), value) for name, value in values.items()}
-
-    def _reduce(self, row: Quantity, values):
         if not self.over:
             return values
-        finite = [value for value in values if np.isfinite(value)] if row.partial else values
-        return self.over(finite if len(finite) else values)
+        reduced = {}
+        for name, value in values.items():
+            finite = [one for one in value if np.isfinite(one)] if self.row(name).partial else value
+            reduced[name] = self.over(finite if len(finite) else value)
+        return reduced
 
     def __call__(self, result) -> dict[str, tuple[float, str]]:
         """Return {name: (value, unit)}; estimates also have `name_error`, half of their 95 % interval."""

@@ -1,22 +1,156 @@
-"""The registry of experiments, and scenarios read from TOML or JSON files or built in Python."""
+"""The description of an experiment, the registry of all, and scenarios read from TOML or JSON files or built in Python.
+
+The description has everything that the commands, sweeps, restarts and documentation need.
+"""
 
 import json
+import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from ..core.arguments import checked, require_options
 from ..core.progress import Report, silent
+from ..core.readable import pluralize, readable, words
 from ..core.text import read_text, shortened
+from ..core.units import in_units
 from ..data.law_schema import check_law_files, renamed_keys, trust_law_files, with_laws
 from ..data.run_files import FIGURES, NAMES
-from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
+from ..data.schema import ScenarioBase, ScenarioError, given_keys, validate_scenario
 from ..ensemble.pool import Workers
 from ..wing import Wing, installed, missing_wing, wings
-from .experiment import Experiment
+
+
+def _empty(result) -> tuple:
+    return ()
+
+
+def _failures(result) -> tuple[str, ...]:
+    return tuple(getattr(result, "failures", ()))
+
+
+class Reproduction(NamedTuple):
+    """Result of the scenario of a paper, stored in the run folder, and its evaluated claims."""
+
+    main: Any
+    claims: list
+
+
+class Paper(NamedTuple):
+    """Reproduction of a published experiment; `reproduce` returns a `Reproduction`, or more with its attributes."""
+
+    title: str  # title of the claims table
+    cuts: str  # parts that a quick run omits
+    scenario: Callable  # (quick, seed) -> scenario of the main run
+    reproduce: Callable  # (quick, seed, folder, workers, report) -> reproduction
+    shows: Callable  # () -> figures of the paper, their content, and the claims to quote
+    name: str | None = None  # for `stickslip reproduce`; None: the name of the experiment
+    # functions of the reproduction; None: use the function of the experiment on the main run
+    numbers: Callable | None = None
+    figures: Callable | None = None
+    files: Callable | None = None
+    failures: Callable | None = None
+
+
+class SweepMember(NamedTuple):
+    """Member of a sweep, for `compare` of its experiment."""
+
+    values: dict[str, Any]  # of the swept keys
+    measures: dict[str, tuple[float, str]]  # with their units; empty if the member is not finished
+    archive: Path  # its results.h5
+
+
+class Comparison(NamedTuple):
+    """Figures, texts and remarks on all members of a sweep, or on a run and a laboratory test."""
+
+    files: Mapping[str, Any] = MappingProxyType({})  # Figure, or text of a table, by file name
+    remarks: tuple[str, ...] = ()  # sentences
+
+
+@readable(head=lambda value: value.words)
+class Experiment(NamedTuple):
+    """One experiment; `lazy_function` defers the import of its modules until they are needed."""
+
+    scenario: type[ScenarioBase]
+    words: str  # one line for help and completion
+    simulate: Callable  # (scenario, folder=, workers=, report=) -> result, with the scenario in `result.scenario`
+    numbers: Callable  # result -> contents of the archive
+    measures: Callable  # result -> {name: (value, unit)}, the numbers of a sweep; preferably a table, see `Measures`
+    show: Callable  # result -> None; prints a summary
+    figures: Callable = _empty  # result -> iterator of (file name, Figure)
+    files: Callable = _empty  # result -> iterator of (file name, function that writes it)
+    writes: tuple[str, ...] = ()  # regular expressions of the names of these files, which are not figures
+    failures: Callable = _failures  # result -> one sentence for each realisation that failed
+    announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
+    references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
+    # (scenario, path of a laboratory's table) -> function of the contents of the archive that returns a Comparison
+    overlay: Callable | None = None
+    compare: Callable | None = None  # (members of a sweep) -> Comparison
+    compares: tuple[str, ...] = ()  # names of its files
+    paper: Paper | None = None
+    more_papers: tuple[Paper, ...] = ()  # others that it reproduces
+    smallest: tuple[dict, ...] = ()  # tables of runs that take seconds, for tests of all experiments
+    export: Callable | None = None  # (scenario, folder) -> paths of the input that LAMMPS runs elsewhere
+    parallel: bool = True  # whether realisations can be distributed over the workers of a cluster
+    device: bool = False  # whether `simulate`, and `reproduce` of its paper, can run them on a graphics processor
+
+    @property
+    def name(self) -> str:
+        """Value of `experiment` in a scenario file."""
+        return self.scenario.model_fields["experiment"].default
+
+
+def result_of(experiment: Experiment, head: Callable | None = None):
+    """Decorate the class of an experiment's results with a repr, a table, and `to_dataframe`."""
+
+    def describe(result) -> str:
+        failed = _failures(result)
+        return result.scenario._summary() + (f"; {pluralize(len(failed), 'failure')}" if failed else "")
+
+    def rows(result):
+        yield "experiment", experiment.name, "", experiment.words
+        for name, (value, unit) in experiment.measures(result).items():
+            if math.isfinite(value):
+                yield words(name), value, unit, meaning_of(experiment, name)
+        for failure in _failures(result):
+            yield "failed", failure
+        yield from given_keys(result.scenario)
+
+    def to_dataframe(result):
+        """Measures with their units and meanings, one row each, as a pandas DataFrame."""
+        import pandas
+
+        named = {k: (*pair, meaning_of(experiment, k)) for k, pair in named_measures(experiment, result).items()}
+        return pandas.DataFrame.from_dict(named, orient="index", columns=["value", "unit", "meaning"])
+
+    def decorate(kind):
+        kind.to_dataframe = to_dataframe
+        return readable(kind, head=head or describe, rows=rows)
+
+    return decorate
+
+
+def table_of(experiment: Experiment):
+    """Table of the quantities that an experiment measures; None if its `measures` is a plain function."""
+    table = getattr(experiment.measures, "resolve", lambda: experiment.measures)()
+    return table if hasattr(table, "row") else None
+
+
+def meaning_of(experiment: Experiment, name: str) -> str:
+    """Meaning of a measure in a few words, if the experiment gives it."""
+    table = table_of(experiment)
+    return "" if table is None else table.row(name).meaning
+
+
+def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str]]:
+    """Return the measures of a result with their units, which are named as in its scenario."""
+    units = result.scenario.named_units
+    return {name: (float(value), in_units(unit, units)) for name, (value, unit) in experiment.measures(result).items()}
 
 
 class Experiments(Mapping[str, Experiment]):
@@ -175,7 +309,7 @@ def read_scenario(path: str | Path, *, trust: bool = False) -> ScenarioBase:
 
 
 def read_tables(path: str | Path) -> dict:
-    """Read the tables of a TOML or JSON file.
+    """Read the tables of a TOML or JSON file, with absolute paths of the files that they name.
 
     Raises
     ------
@@ -197,7 +331,14 @@ def read_tables(path: str | Path) -> dict:
         raise ScenarioError(f"the scenario {path} contains {kind}, not an object: give the scenario.json of a run")
     _check_whole_numbers(tables, path)
     tables = with_laws(tables, renamed_keys) if path.suffix == ".json" else tables
-    return _resolve_files(tables, path.parent)
+
+    def resolve(table: dict, key: str) -> dict:  # files are relative to the scenario
+        return table | {key: str(path.parent.absolute() / table[key])} if isinstance(table.get(key), str) else table
+
+    for table, key in NAMED_FILES:
+        if isinstance(tables.get(table), dict):
+            tables[table] = resolve(tables[table], key)
+    return with_laws(tables, lambda law: resolve(law, "file"))
 
 
 def _parse(text: str, path: Path):
@@ -227,15 +368,3 @@ def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
             where = shortened(".".join(map(str, (*above, key))))
             raise ScenarioError(f"the scenario {path} has an integer beyond 64 bits at {where}: {INTEGER_RANGE}")
         _check_whole_numbers(value, path, (*above, key))
-
-
-def _resolve_files(tables: dict, folder: Path) -> dict:
-    """Return the tables with absolute paths of the files that they name, which are relative to the scenario."""
-
-    def resolve(table: dict, key: str) -> dict:
-        return table | {key: str(folder.absolute() / table[key])} if isinstance(table.get(key), str) else table
-
-    for table, key in NAMED_FILES:
-        if isinstance(tables.get(table), dict):
-            tables[table] = resolve(tables[table], key)
-    return with_laws(tables, lambda law: resolve(law, "file"))

@@ -11,6 +11,7 @@ from ..wings.studies.flow import figures as flow
 from .analyses import bursts as bursts
 from .analyses import dispersion as dispersion
 from .analyses import failure_path as failure_path
+from .analyses import forces as forces
 from .analyses import growth_by_amplitude as growth_by_amplitude
 from .analyses import inclusion as inclusion
 from .analyses import response_envelopes as response_envelopes
@@ -18,10 +19,9 @@ from .analyses import static_and_kinetic as static_and_kinetic
 from .animation import movie as movie
 from .claims import claims_chart as claims_chart
 from .grains import packing as packing
-from .network import forces as forces
-from .saving import Look as Look
-from .saving import save as save
-from .view3d import view as view
+from .scene import view as view
+from .style import Look as Look
+from .style import save as save
 
 __all__ = [
     "Look",

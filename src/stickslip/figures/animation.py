@@ -15,8 +15,8 @@ from ..core.progress import Report, silent
 from ..data.exchange.frame import Frame
 from ..extras import MissingExtraError, require
 from .grains import draw, draw_colour_bar, draw_legend, layout_of, legend_columns, legend_handles, view_limits
-from .outlines import Mode, Zoom
 from .page import MARK
+from .scene import Mode, Zoom
 from .style import SLIDE_DPI, SLIDE_MOVIE, OwnFigure, common_style, styled
 
 ENDINGS = (".gif", ".mp4")

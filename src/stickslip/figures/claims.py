@@ -64,7 +64,18 @@ def claims_chart(rows: list[Row], title: str):
     for x, heading in zip(COLUMNS, ("measured", "paper", "unit", "verdict"), strict=True):
         axes.text(x, 1.0, heading, transform=axes.transAxes, fontsize=SIZE, weight="bold", va="bottom")
     figure.text(0.01, 1 - 0.06 / height, title, fontsize=8, va="top")
-    _draw_legend(figure, rows)
+    seen = [word for word in MARKS if any(row.verdict == word for row in rows)]
+    handles = [
+        Line2D([], [], ls="", marker=MARKS[w][1], color=MARKS[w][0], mfc=MARKS[w][0] if MARKS[w][2] else "white", ms=4)
+        for w in seen
+    ]
+    labels = [f"{word} ({_count(rows, word)})" for word in seen]  # as on the terminal
+    handles.append(Patch(color="0.9"))
+    labels.append("tolerance; arrows: outside the range")
+    if any(row.beside_reference for row in rows):
+        handles.append(Line2D([], [], ls=""))
+        labels.append("italic: a reference, not the paper's value")
+    figure.legend(handles, labels, loc="lower left", ncol=3, fontsize=SIZE, handletextpad=0.4, columnspacing=1.4)
     return figure
 
 
@@ -111,19 +122,3 @@ def _count(rows: list[Row], verdict: str) -> str:
     """Number of claims on the paper's own model, and, separately, on variants of it."""
     own, others = (sum(row.verdict == verdict and row.own == kind for row in rows) for kind in (True, False))
     return f"{own} + {others} of variants" if others else str(own)
-
-
-def _draw_legend(figure, rows: list[Row]) -> None:
-    """Legend for the verdicts that occur, with their numbers as on the terminal, and for the other marks."""
-    seen = [word for word in MARKS if any(row.verdict == word for row in rows)]
-    handles = [
-        Line2D([], [], ls="", marker=MARKS[w][1], color=MARKS[w][0], mfc=MARKS[w][0] if MARKS[w][2] else "white", ms=4)
-        for w in seen
-    ]
-    labels = [f"{word} ({_count(rows, word)})" for word in seen]
-    handles.append(Patch(color="0.9"))
-    labels.append("tolerance; arrows: outside the range")
-    if any(row.beside_reference for row in rows):
-        handles.append(Line2D([], [], ls=""))
-        labels.append("italic: a reference, not the paper's value")
-    figure.legend(handles, labels, loc="lower left", ncol=3, fontsize=SIZE, handletextpad=0.4, columnspacing=1.4)

@@ -16,7 +16,7 @@ from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, STICK, State
 from ..data.exchange.frame import Frame, frame_of
-from .outlines import (
+from .scene import (
     APART,
     ASIDE,
     Mode,
@@ -131,8 +131,15 @@ def bare_frame(state: State) -> Frame:
 
 def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None = None, zoom: Zoom = 1.0) -> Layout:
     """Common limits of the drawing and of the colours for all frames."""
-    corners = [_drawing_limits(frame, 0.0 if zoom == "all" else ASIDE) for frame in frames]
-    box = np.array([np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)])
+    corners = []
+    for frame in frames:  # grains, cell, and nearby parts of walls
+        basis, radius = view_basis(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius
+        gap = 2 * APART * frame.state.grains.radius.max()
+        low, high = body_limits(_places(frame), gap, 0.0 if zoom == "all" else ASIDE)
+        low, high = low - radius.max(), high + radius.max()
+        walls = np.clip(_projected(wall_edges(frame), basis).reshape(-1, 2), low - radius.max(), high + radius.max())
+        corners += [low, high, *_projected(cell_edges(frame), basis).reshape(-1, 2), *walls]
+    box = np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
     low, high = zoomed(box, np.concatenate([_places(frame) for frame in frames]), zoom)
     forces = np.concatenate([_normal_forces(frame) for frame in frames])
     mean = float(forces.mean()) if len(forces) and forces.mean() > 0 else 1.0
@@ -423,20 +430,6 @@ def _projected(edges: np.ndarray, basis: np.ndarray) -> np.ndarray:
 def _places(frame: Frame) -> np.ndarray:
     """(N, 2) positions in the plane of the drawing."""
     return _projected(wrapped(frame.state), view_basis(frame))
-
-
-def _drawing_limits(frame: Frame, hidden: float) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the drawing: those of grains, cell, and nearby parts of walls.
-
-    At most a fraction `hidden` of the grains may be outside at each side, if they have left the others.
-    """
-    basis, radius = view_basis(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius
-    place = _places(frame)
-    low, high = body_limits(place, 2 * APART * frame.state.grains.radius.max(), hidden)
-    low, high = low - radius.max(), high + radius.max()
-    walls = np.clip(_projected(wall_edges(frame), basis).reshape(-1, 2), low - radius.max(), high + radius.max())
-    lines = [*_projected(cell_edges(frame), basis).reshape(-1, 2), *walls]
-    return np.min([low, *lines], axis=0), np.max([high, *lines], axis=0)
 
 
 @checked

@@ -1,4 +1,7 @@
-"""Details of `stickslip stability --more`: participation ratios, moduli, transient growth, decisive contacts."""
+"""Details of `stickslip stability`: participation ratios, moduli, transient growth, decisive contacts (`--more`).
+
+Also the bonds of a packing: which ones decide, and which break first under strains.
+"""
 
 from typing import NamedTuple
 
@@ -8,6 +11,9 @@ from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
 from ..core.state import State
 from ..core.units import unit_name, with_unit
+from ..loading.settling import MODES, deformation
+from ..solve.balance import balanced
+from ..solve.bond_failure import NEVER, DecisiveBonds, FirstBreak, break_along, decisive_bonds
 from ..solve.moduli import ElasticModuli, elastic_moduli, voigt
 from ..solve.sensitivity import ContactSensitivity, contact_sensitivity
 from ..solve.spectrum import participation_ratio
@@ -34,12 +40,16 @@ def compute_details(state: State, law: Law, result: Stability, *, report: Report
     participation = participation_ratio(result.modes, result.free)
     if not result.balanced:
         return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)
-    return Details(
-        participation,
-        attempt(elastic_moduli, state, law),
-        _compute_transient(state, law, result, report),
-        attempt(contact_sensitivity, state, law, report=report),
-    )
+    moduli = attempt(elastic_moduli, state, law)
+    transient: TransientGrowth | str = "since exponential growth exceeds any transient"
+    if not result.grows:
+        try:
+            transient = transient_growth(state, law, report=report)
+        except NoElasticEnergyError:
+            transient = attempt(transient_growth, state, law, norm="displacement", report=report)
+        except ValueError as problem:
+            transient = str(problem)
+    return Details(participation, moduli, transient, attempt(contact_sensitivity, state, law, report=report))
 
 
 def attempt(function, *arguments, **options):
@@ -50,42 +60,27 @@ def attempt(function, *arguments, **options):
         return str(problem)
 
 
-def _compute_transient(state: State, law: Law, result, report) -> TransientGrowth | str:
-    if result.grows:
-        return "since exponential growth exceeds any transient"
-    try:
-        return transient_growth(state, law, report=report)
-    except NoElasticEnergyError:
-        return attempt(transient_growth, state, law, norm="displacement", report=report)
-    except ValueError as problem:
-        return str(problem)
-
-
 def to_dict(more: Details) -> dict:
     """Return the details for JSON: null for quantities with an entry in `reasons`."""
     m, t, s = more.moduli, more.transient, more.contacts
     parts = {"moduli": m, "transient": t, "contacts": s}
+    moduli = None
+    if not isinstance(m, str):
+        names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
+        numbers = {name: float(getattr(m, name)) for name in names}
+        moduli = {name: value if np.isfinite(value) else None for name, value in numbers.items()}
+        moduli |= {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
     return {
         "participation_ratio": [float(p) for p in more.participation],
-        "moduli": None if isinstance(m, str) else _moduli_dict(m),
-        "transient": None if isinstance(t, str) else _transient_dict(t),
+        "moduli": moduli,
+        "transient": None if isinstance(t, str) else {
+            **{name: float(getattr(t, name)) for name in ("amplitude", "time", "bound", "of_pair")},
+            "norm": t.norm, "duration": float(t.times[-1]), "pair": [float(w) for w in t.pair],
+        },
         "contacts": None if isinstance(s, str) else [_contact_dict(s, k) for k in range(min(CONTACTS, len(s.contact)))],
         "contacts_scope": "" if isinstance(s, str) else s.scope,
         "reasons": {name: part for name, part in parts.items() if isinstance(part, str)},
-    }
-
-
-def _moduli_dict(m: ElasticModuli) -> dict:
-    names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
-    tensors = {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
-    numbers = {name: float(getattr(m, name)) for name in names}
-    return {name: value if np.isfinite(value) else None for name, value in numbers.items()} | tensors
-
-
-def _transient_dict(t: TransientGrowth) -> dict:
-    names = ("amplitude", "time", "bound", "of_pair")
-    rest = {"norm": t.norm, "duration": float(t.times[-1]), "pair": [float(w) for w in t.pair]}
-    return {name: float(getattr(t, name)) for name in names} | rest
+    }  # fmt: skip
 
 
 def _contact_dict(s: ContactSensitivity, k: int) -> dict:
@@ -156,3 +151,86 @@ def _show_contacts(s: ContactSensitivity, n: int) -> None:
         row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, text]
         table.add_row(*row, *([f"{slope[s.contact[k]]:.3g}"] if slope else []))
     show_table(table)
+
+
+BONDS = 5  # decisive bonds in a table
+
+
+class BondDetails(NamedTuple):
+    """Computed quantities, or the reason why they could not be computed."""
+
+    decisive: DecisiveBonds | str
+    breaks: dict[tuple[str, int], FirstBreak] | str  # by mode of deformation and sign
+
+
+def compute_bonds(state: State, law: Law) -> BondDetails:
+    """Compute the decisive bonds of a packing in equilibrium, and the first ones to break under a few strains."""
+    return BondDetails(attempt(decisive_bonds, state, law), attempt(_first_breaks, state, law))
+
+
+def _first_breaks(state: State, law: Law) -> dict[tuple[str, int], FirstBreak]:
+    here, dim = balanced(state, law), state.cell.dim
+    moduli, out = elastic_moduli(here.state, law), {}
+    for mode in MODES:
+        for sign in (1, -1):
+            gradient = deformation(mode, 2 if dim == 2 else 3, sign).gradient
+            out[mode, sign] = break_along(here, moduli, gradient[:dim, :dim])
+    return out
+
+
+def bonds_dict(found: BondDetails) -> dict:
+    """Return them for JSON: null for quantities with an entry in `reasons`."""
+    decisive, breaks = found
+    return {
+        "decisive": None if isinstance(decisive, str) else {
+            "re_lambda": decisive.eigenvalue.real, "im_lambda": decisive.eigenvalue.imag, "verdict": decisive.verdict,
+            "bonds": [
+                {
+                    "bond": int(decisive.bond[k]), "grains": [int(decisive.i[k]), int(decisive.j[k])],
+                    "derivative": [decisive.derivative[k].real, decisive.derivative[k].imag],
+                    "share": float(decisive.share[k]), "verdict_after": str(decisive.verdict_after[k]) or None,
+                }
+                for k in range(len(decisive.bond))
+            ],
+        },
+        "first_breaks": None if isinstance(breaks, str) else [
+            {
+                "mode": mode, "sign": sign, "amount": one.at if np.isfinite(one.at) else None, "bond": one.bond,
+                "grains": list(one.pair), "by": one.mode,
+            }
+            for (mode, sign), one in breaks.items()
+        ],
+        "reasons": {name: part for name, part in found._asdict().items() if isinstance(part, str)},
+    }  # fmt: skip
+
+
+def show_bonds(found: BondDetails) -> None:
+    """Print them."""
+    decisive, breaks = found
+    if isinstance(decisive, str):
+        console.print(f"\ndecisive bonds: none, {decisive}")
+    else:
+        value = decisive.eigenvalue
+        name = "softest mode" if decisive.verdict == "stable" else "growing mode"
+        imaginary = f" ± {abs(value.imag):.4g}i" if value.imag else ""
+        console.print(f"\nbonds that decide the {name}, {with_unit(f'λ = {value.real:.4g}{imaginary}', '1/time^2')}")
+        table = new_table("grains", "∂ln|λ|/∂ln k", "share of strength", "if it breaks", left=("if it breaks",))
+        for k in range(min(BONDS, len(decisive.bond))):
+            share = f"{decisive.share[k]:.3g}" if decisive.share[k] > 1 / NEVER else "–"
+            slope, after = (decisive.derivative[k] / value).real, decisive.verdict_after[k] or "?"
+            table.add_row(f"{decisive.i[k]}–{decisive.j[k]}", f"{slope:.3g}", share, after)
+        show_table(table)
+        if len(decisive.bond) > BONDS:
+            console.print(f"  and {len(decisive.bond) - BONDS} more with --json")
+    if isinstance(breaks, str):
+        console.print(f"\nfirst bond to break: none, {breaks}")
+    else:
+        console.print("\nfirst bond to break as a strain grows, by linear response")
+        table = new_table("strain", "bond of grains", "at", "by", left=("strain", "by"))
+        for (mode, sign), one in breaks.items():
+            words = mode if sign > 0 else f"{mode}, reversed"
+            if one.bond < 0:
+                table.add_row(words, "–", "–", "never")
+            else:
+                table.add_row(words, "{}–{}".format(*one.pair), f"{one.at:.4g}", one.mode)
+        show_table(table)

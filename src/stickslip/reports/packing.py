@@ -29,8 +29,7 @@ from .terminal import console, new_table, show_table
 if TYPE_CHECKING:  # needed by a few options only, otherwise not loaded
     from ..solve.birth import BirthForm
     from ..solve.gradient import VerdictProbability
-    from .bonds import BondDetails
-    from .details import Details
+    from .details import BondDetails, Details
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
 UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
@@ -249,9 +248,9 @@ def to_dict(
 
         out["more"] = details.to_dict(more)
     if bonds:
-        from . import bonds as cement
+        from . import details
 
-        out["bonds"] = cement.to_dict(bonds)
+        out["bonds"] = details.bonds_dict(bonds)
     if form:
         out["after"] = {"reason": form} if isinstance(form, str) else _form_dict(form)
     return out
@@ -318,9 +317,9 @@ def show(
 
         details.show(more, result)
     if bonds:
-        from . import bonds as cement
+        from . import details
 
-        cement.show(bonds)
+        details.show_bonds(bonds)
     if form:
         _show_form(form)
 
@@ -363,25 +362,21 @@ def describe_law(law: Law, state: State | None = None) -> str:
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
     name = find_user_law(law.kind).name if isinstance(law.kind, Kind) else NAMES[law.kind]
+    kinds = list(range(len(law.table)))[:MOST_KINDS]
+    walls: list[tuple[str, int]] = []
+    if state is not None:
+        kinds = np.unique(state.grains.material).tolist()[:MOST_KINDS]
+        walls = [(f"wall {k + 1}", material) for k, material in enumerate(state.walls.material.tolist())][:MOST_KINDS]
+    meeting = [(f"types {a + 1} and {b + 1}", a, b) for a in kinds for b in kinds if a <= b]
+    meeting += [(f"type {a + 1} and {label}", a, wall) for label, wall in walls for a in kinds]
     pairs: dict[str, list[str]] = {}
-    for label, a, b in _pairs_of_materials(law, state):
+    for label, a, b in meeting:
         values = zip(parameter_names(law), law.table[a, b], strict=True)
         pairs.setdefault(", ".join(f"{key} = {value:.4g}" for key, value in values if value), []).append(label)
     told = [f"{', '.join(labels)}: {values}" for values, labels in pairs.items()]
     more = [f"and {len(told) - SHOWN} more"] if len(told) > SHOWN else []
     values = "; ".join([*told[:SHOWN], *more]) if len(pairs) > 1 else next(iter(pairs), "")
     return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if damping_model(law) else "")
-
-
-def _pairs_of_materials(law: Law, state: State | None) -> list[tuple[str, int, int]]:
-    """Names and numbers of the pairs of materials that may meet, at most a few hundred."""
-    kinds = list(range(len(law.table)))[:MOST_KINDS]
-    walls: list[tuple[str, int]] = []
-    if state is not None:
-        kinds = np.unique(state.grains.material).tolist()[:MOST_KINDS]
-        walls = [(f"wall {k + 1}", material) for k, material in enumerate(state.walls.material.tolist())][:MOST_KINDS]
-    types = [(f"types {a + 1} and {b + 1}", a, b) for a in kinds for b in kinds if a <= b]
-    return types + [(f"type {a + 1} and {label}", a, wall) for label, wall in walls for a in kinds]
 
 
 def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:

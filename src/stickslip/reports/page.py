@@ -31,14 +31,13 @@ from ..data.run_files import (
 )
 from ..data.sample import Obstacle, with_one_account
 from ..figures import animation as film
-from ..figures import page
-from ..figures import view3d as scene
+from ..figures import page, scene
+from ..figures.analyses import enough_contacts, forces
 from ..figures.animation import frames_between
 from ..figures.grains import count_outside, layout_of, packing
-from ..figures.network import enough_contacts, forces
-from ..figures.outlines import DISPLACEMENT, Zoom, outside_words
 from ..figures.page import MARK
-from ..figures.saving import render
+from ..figures.scene import DISPLACEMENT, Zoom, outside_words
+from ..figures.style import render
 from ..loading.reading import read_packing
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import DENSE_UP_TO, stability
@@ -193,7 +192,18 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None, zoo
         inside = scene.page_view(
             shown.frames, shown.modes, at=shown.at, labels=shown.labels, colour=colour, zoom=zoom
         )  # fmt: skip
-        view = page.paragraph(" ".join([_describe_view(shown), *(f"{note}." for note in notes_on_view(shown, zoom))]))
+        several = len(shown.frames) > 1
+        if shown.modes:
+            which = f" of the state at {shown.labels[shown.at]}" if several else ""
+            sentences = [f"The view shows the fastest-growing mode{which}, enlarged so that it can be seen."]
+        elif several:
+            sentences = ["The view shows the run from its beginning: press play, or move the slider."]
+        else:
+            sentences = ["The view shows the packing."]
+        sentences.append("Lines are contacts, wider for larger forces; blue ones stick, vermilion ones slide.")
+        if any(frame.state.bonds for frame in shown.frames):
+            sentences.append("Sand-coloured bands are bonds, and purple ones are broken.")
+        view = page.paragraph(" ".join([*sentences, *(f"{note}." for note in notes_on_view(shown, zoom))]))
         view += page.embedded_document(inside, "the packing in three dimensions")
         view += page.paragraph(HELP, kind="soft")
     warning = shown.warning[:1].upper() + shown.warning[1:]
@@ -210,23 +220,6 @@ def notes_on_view(shown: PageContent, zoom: Zoom) -> list[str]:
     """Note on grains outside the initial view of a page, if there are any."""
     away = scene.count_out_of_view(shown.frames, zoom) if shown.frames else 0
     return [f"{outside_words(away)}: zoom out to see {'it' if away == 1 else 'them'}"] if away else []
-
-
-def _describe_view(shown: PageContent) -> str:
-    """Sentences that describe the view."""
-    several = len(shown.frames) > 1
-    sentences = []
-    if shown.modes:
-        which = f" of the state at {shown.labels[shown.at]}" if several else ""
-        sentences.append(f"The view shows the fastest-growing mode{which}, enlarged so that it can be seen.")
-    elif several:
-        sentences.append("The view shows the run from its beginning: press play, or move the slider.")
-    else:
-        sentences.append("The view shows the packing.")
-    sentences.append("Lines are contacts, wider for larger forces; blue ones stick, vermilion ones slide.")
-    if any(frame.state.bonds for frame in shown.frames):
-        sentences.append("Sand-coloured bands are bonds, and purple ones are broken.")
-    return " ".join(sentences)
 
 
 def describe_growth(s: complex) -> str:

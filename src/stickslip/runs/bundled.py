@@ -7,6 +7,7 @@ The package's own entry is built from CITATION.cff, which a wheel contains next 
 import re
 import shutil
 from difflib import get_close_matches
+from itertools import takewhile
 from pathlib import Path
 
 from ..core.arguments import checked
@@ -51,18 +52,12 @@ def names() -> dict[str, str]:
     'Collapse of a column of disks when a gate is removed'
     """
     files = sorted(entry.name for entry in FOLDER.iterdir() if not entry.name.startswith(("_", ".")))
-    return {name: _WITHOUT_TEXT.get(name) or _first_sentence(FOLDER / name) for name in files}
-
-
-def _first_sentence(file: Path) -> str:
-    """First sentence of the comment or docstring with which a file begins."""
-    comment = []
-    for line in file.read_text(encoding="utf-8").splitlines():
-        line = line.strip('#" ')
-        if not line:
-            break
-        comment.append(line)
-    return " ".join(comment).split("  ")[0].split(". ")[0].rstrip(".:")
+    found = {}
+    for name in files:  # with the first sentence of the comment or docstring with which a file begins
+        lines = () if name in _WITHOUT_TEXT else (FOLDER / name).read_text(encoding="utf-8").splitlines()
+        comment = " ".join(takewhile(bool, (line.strip('#" ') for line in lines)))
+        found[name] = _WITHOUT_TEXT.get(name) or comment.split("  ")[0].split(". ")[0].rstrip(".:")
+    return found
 
 
 @checked
@@ -215,10 +210,21 @@ def reference_keys(scenario: ScenarioBase) -> dict[str, tuple[str, ...]]:
 
 
 def package_entry() -> str:
-    """Return the package's own entry, built from CITATION.cff."""
-    about = _read_citation()
+    """Return the package's own entry, built from CITATION.cff.
+
+    Only the subset of YAML that this file uses is supported: one entry per line, and a list of authors.
+    """
+    bundled = HERE / CFF
+    text = (bundled if bundled.exists() else HERE.parents[2] / CFF).read_text(encoding="utf-8")
+    text = text.partition("\nreferences:")[0]
+    about = {key: value.strip('"') for key, value in re.findall(r"^([\w-]+): (.+)$", text, flags=re.M)}
+    people = re.findall(r"^  - (.+?)(?=^  - |^\S|\Z)", text, flags=re.M | re.S)
+    people = [dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person)) for person in people]
+    authors = [
+        f"{{{one['name']}}}" if "name" in one else f"{one['family-names']}, {one['given-names']}" for one in people
+    ]
     fields = {
-        "author": " and ".join(about["authors"]),
+        "author": " and ".join(authors),
         "title": "{" + about["title"] + "}",
         "howpublished": "Python package",
         "note": f"Version {about['version']}, {about['license']}",
@@ -226,20 +232,3 @@ def package_entry() -> str:
     }
     fields |= {key: about[key] for key in ("doi", "url") if key in about}
     return "@misc{stickslip,\n" + "".join(f"  {k} = {{{v}}},\n" for k, v in fields.items()) + "}"
-
-
-def _read_citation() -> dict:
-    """Read the plain entries of CITATION.cff, and its authors in BibTeX format.
-
-    Only the subset of YAML that the file uses is supported: one entry per line, and a list of authors.
-    """
-    bundled = HERE / CFF
-    text = (bundled if bundled.exists() else HERE.parents[2] / CFF).read_text(encoding="utf-8")
-    about = text.partition("\nreferences:")[0]
-    entries = {key: value.strip('"') for key, value in re.findall(r"^([\w-]+): (.+)$", about, flags=re.M)}
-    people = re.findall(r"^  - (.+?)(?=^  - |^\S|\Z)", about, flags=re.M | re.S)
-    people = [dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person)) for person in people]
-    entries["authors"] = [
-        f"{{{one['name']}}}" if "name" in one else f"{one['family-names']}, {one['given-names']}" for one in people
-    ]
-    return entries

@@ -67,7 +67,13 @@ def open_dataset(place: str | Path) -> xr.DataTree:
             f"{path} contains an unfinished sweep: finish it with {resume_command(path)} to get its dataset"
         )
     if path.is_dir() and not (path / RESULTS).is_file():
-        return _open_unfinished(path)
+        pieces, about = read_pieces(path)
+        if not pieces:
+            raise ValueError(f"{path} contains no results: give a run folder, or its results.h5")
+        with refuse_damage(path, "results", "resume the run, which reports the damaged part"):
+            tree = {name: restore(node, known_nouns(())) for name, node in pieces.items()}
+        units = {f"{name}/{inner}": unit for name, node in pieces.items() for inner, unit in units_within(node).items()}
+        return _build_tree(tree, units, about | {"finished": "no"})
     path = path / RESULTS if path.is_dir() else path
     if not path.is_file():
         raise ValueError(f"{path} does not exist: give a run folder, or its results.h5")
@@ -113,17 +119,6 @@ def contact_table(data: xr.DataTree | xr.Dataset, frame: int | str) -> pd.DataFr
     return pd.DataFrame(columns)
 
 
-def _open_unfinished(folder: Path) -> xr.DataTree:
-    """Open the parts saved so far by an unfinished run."""
-    pieces, about = read_pieces(folder)
-    if not pieces:
-        raise ValueError(f"{folder} contains no results: give a run folder, or its results.h5")
-    with refuse_damage(folder, "results", "resume the run, which reports the damaged part"):
-        tree = {name: restore(node, known_nouns(())) for name, node in pieces.items()}
-    units = {f"{name}/{inner}": unit for name, node in pieces.items() for inner, unit in units_within(node).items()}
-    return _build_tree(tree, units, about | {"finished": "no"})
-
-
 def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
     """Build all nodes; a dimension that clashes with a parent node's dimension is prefixed with the node's name."""
     states, tables, laws = {}, {}, {}
@@ -132,24 +127,25 @@ def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
     states = {name: state for name, state in states.items() if len(state.grains.radius) == sizes[0][0]}
     nodes = {}
     if states:
-        nodes["frames"] = _frame_node(states, _frame_variables(states, laws, units, _wall_indices(tree, states)))
+        # walls of each state among those of the whole run, since some may have been removed
+        walls, remaining = tree["walls"].split("\n") if isinstance(tree.get("walls"), str) else [], {}
+        for path, state in states.items():
+            mine = tree.get("frame_walls", {}).get(path.rpartition("/")[2], "").split("\n")
+            known = len(mine) == len(state.walls.mass) and set(mine) <= set(walls)
+            remaining[path] = np.array(list(map(walls.index, mine)) if known else range(len(state.walls.mass)), int)
+        nodes["frames"] = _frame_node(states, _frame_variables(states, laws, units, remaining))
     for group, entries in tables.items():
         node = _group_dataset(group, entries, units)
         if node.variables:
             nodes[group.strip("/") or "numbers"] = node
-    for path in nodes:
-        nodes[path] = _rename_clashing(path, nodes)
+    for path, node in nodes.items():
+        parts = path.split("/")
+        above = [nodes[name] for k in range(1, len(parts)) if (name := "/".join(parts[:k])) in nodes]
+        taken = {dim for other in above for dim in other.dims} & set(node.dims) - {"axis"}
+        nodes[path] = node.rename({dim: f"{parts[-1]}_{dim}" for dim in taken})
     attributes = {"units_of_scenario": tree["units"]} if isinstance(tree.get("units"), str) else {}
     root = xr.Dataset(coords=_AXES, attrs=about | attributes)
     return xr.DataTree.from_dict({"/": root} | {f"/{path}": node for path, node in nodes.items()})
-
-
-def _rename_clashing(path: str, nodes: dict[str, xr.Dataset]) -> xr.Dataset:
-    """Rename the dimensions of a node that clash with those of its parents."""
-    node, parts = nodes[path], path.split("/")
-    above = [nodes[name] for k in range(1, len(parts)) if (name := "/".join(parts[:k])) in nodes]
-    taken = {dim for other in above for dim in other.dims} & set(node.dims) - {"axis"}
-    return node.rename({dim: f"{parts[-1]}_{dim}" for dim in taken})
 
 
 def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
@@ -172,7 +168,12 @@ def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
 def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> None:
     """Collect the states of a tree with their laws, and the tree's arrays and numbers, keyed by path of group."""
     law = tree.get("law", law) if isinstance(tree, dict) else law
-    if _is_table(tree):
+    rows = list(tree.values()) if isinstance(tree, dict) else []
+    if (  # groups, such as stages, form the rows of a table: two or more with the same plain fields
+        len(rows) > 1
+        and all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows)
+        and all(isinstance(v, str | int | float | np.number) for row in rows for v in row.values())
+    ):
         tables[above] = {"": tree}
         return
     items = tree.items() if isinstance(tree, dict) else ((f"{k:06d}", item) for k, item in enumerate(tree))
@@ -184,28 +185,6 @@ def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> N
             _collect(value._asdict() if hasattr(value, "_asdict") else value, f"{path}/", law, states, tables, laws)
         elif isinstance(value, np.ndarray | int | float | complex) and not isinstance(value, Law):
             tables.setdefault(above, {})[name] = np.asarray(value)
-
-
-def _is_table(tree) -> bool:
-    """Return True if groups, such as stages, form the rows of a table: two or more with the same plain fields."""
-    rows = list(tree.values()) if isinstance(tree, dict) else []
-    return (
-        len(rows) > 1
-        and all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows)
-        and all(isinstance(v, str | int | float | np.number) for row in rows for v in row.values())
-    )
-
-
-def _wall_indices(tree: dict, states: dict[str, State]) -> dict[str, np.ndarray]:
-    """Map the walls of each state to the walls of the whole run, since some may have been removed."""
-    names = tree["walls"].split("\n") if isinstance(tree.get("walls"), str) else []
-    remaining = tree.get("frame_walls", {})
-    out = {}
-    for path, state in states.items():
-        mine = remaining.get(path.rpartition("/")[2], "").split("\n")
-        known = len(mine) == len(state.walls.mass) and set(mine) <= set(names)
-        out[path] = np.array([names.index(name) for name in mine] if known else range(len(state.walls.mass)), int)
-    return out
 
 
 def _frame_variables(states: dict[str, State], laws: dict, units: dict, walls: dict[str, np.ndarray]) -> dict:

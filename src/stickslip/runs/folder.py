@@ -41,11 +41,10 @@ from ..data.run_files import (
     write_manifest,
 )
 from ..data.schema import ScenarioBase
-from ..experiments.experiment import Experiment, named_measures
-from ..experiments.registry import is_run_file, list_files, papers, read_tables
+from ..experiments.registry import Experiment, is_run_file, list_files, named_measures, papers, read_tables
 from ..experiments.registry import read_scenario as read_scenario
-from ..figures.saving import FORMATS, PLAIN, WIDTHS, Look, render_all
-from ..reports.claims_report import write_claims
+from ..figures.style import FORMATS, PLAIN, WIDTHS, Look, render_all
+from ..reports.claims import write_claims
 from ..reports.terminal import console
 
 

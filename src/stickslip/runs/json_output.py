@@ -10,8 +10,7 @@ import numpy as np
 
 from .. import __version__
 from ..data.run_files import MEMBERS, UNFINISHED
-from ..experiments.experiment import named_measures
-from ..experiments.registry import experiment_of, list_files
+from ..experiments.registry import experiment_of, list_files, named_measures
 
 if TYPE_CHECKING:  # these need xarray, SciPy's statistics and Matplotlib
     from .sweep.run import SweepResult

@@ -20,14 +20,14 @@ from ..data.sample import PackingError
 from ..experiments.registry import list_files
 from ..figures import page
 from ..figures.grains import bare_frame
-from ..figures.outlines import Zoom
+from ..figures.scene import Zoom
 from ..reports import claims as claims_table
 from ..reports.packing import growing_modes
 from ..reports.page import MODES, PageContent, describe_growth, packing_content
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import stability
 from .sweep.dataset import DATASET, comparison_files, is_sweep, open_sweep
-from .sweep.report import describe_empty
+from .sweep.run import describe_empty
 
 SMALL = 500  # number of grains up to which the states of a run are searched for an unstable one
 READABLE = {  # explanations of quantities with short names
@@ -118,7 +118,9 @@ def folder_content(
         sections.append(("Time series", _numbers_table(["quantity", "final", "least", "greatest", "unit"], rows)))
     shown = [path for path in list_files(folder) if path.suffix in (".png", ".gif") and path.name not in (FILM, CHART)]
     if shown:
-        sections.append(("Figures", page.pictures({_caption(path): path.read_bytes() for path in shown})))
+        names = {path: path.stem.partition("_")[2].replace("_", " ") for path in shown if path.stem.startswith("fig")}
+        pictures = {names.get(path, path.stem): path.read_bytes() for path in shown}
+        sections.append(("Figures", page.pictures(pictures)))
     sections.append(("Scenario", _scenario_table(about["scenario"])))
     versions = f"stickslip {about['stickslip']}, {about['versions']}"
     without = "" if frames else "This run saved no grain states, so there is no packing to show."
@@ -128,10 +130,6 @@ def folder_content(
         title, versions, frames, labels, at, modes, sections, without, why, why, sentence,
         tuple(_stage_of(frame.state.time, _stages(tree)) for frame in frames), "scenario",
     )  # fmt: skip
-
-
-def _caption(path: Path) -> str:
-    return path.stem.partition("_")[2].replace("_", " ") if path.stem.startswith("fig") else path.stem
 
 
 def _parse_tables(text: str) -> dict:

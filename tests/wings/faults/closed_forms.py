@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stickslip.wings.faults.friction.ratestate import RateState, friction_of, steady_friction
+from stickslip.wings.faults.friction.laws import RateState, friction_of, steady_friction
 
 
 def stiff_step(rs: RateState, old: float, new: float, slip):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from stickslip.wings.faults.friction.laboratory import LabRecord, record_data, write_csv
+from stickslip.wings.faults.friction.laws import RateState, Spring, spring_slider
 from stickslip.wings.faults.friction.loads import velocity_steps
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
 
 K, CLOCK = 1500.0, 5000.0  # stiffness, and start of the clock of the record

@@ -5,8 +5,8 @@ import pytest
 
 from stickslip.runs.sweep.dataset import open_sweep
 from stickslip.wings.faults.friction.laboratory import event_starts, passing_velocity, recurrence, repeated_slip
+from stickslip.wings.faults.friction.laws import RateState, Spring, spring_slider
 from stickslip.wings.faults.friction.loads import LoadStep
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
 
 STUDY = """

@@ -20,9 +20,15 @@ from stickslip.wings.faults.friction.fault_state import (
     steady_stress,
     with_rates,
 )
-from stickslip.wings.faults.friction.laws import FORMS, rates
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, slider_of
-from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
+from stickslip.wings.faults.friction.laws import (
+    FORMS,
+    RateState,
+    Spring,
+    critical_stiffness,
+    rates,
+    slider_of,
+    steady_sliding,
+)
 from stickslip.wings.faults.friction.stress_transfer import stress_matrix, stress_transfer
 
 G = 32.04e9

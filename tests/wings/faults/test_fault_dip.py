@@ -13,7 +13,7 @@ from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, s
 from stickslip.runs.folder import write_result
 from stickslip.wings.faults.fault import figures as figures
 from stickslip.wings.faults.fault import simulate as room
-from stickslip.wings.faults.fault.dipping import PUBLISHED, SURFACE, YEARS, evaluate_claims, paper_scenario
+from stickslip.wings.faults.fault.claims import FDRA, SURFACE, YEARS, bp3_claims, bp3_scenario
 from stickslip.wings.faults.friction.fault_cycles import Energy, join_histories
 from stickslip.wings.faults.friction.fault_record import YEAR, Moment, Surface, hermite, hermite_rate
 from stickslip.wings.faults.friction.fault_state import steady_stress
@@ -362,19 +362,19 @@ def test_files_have_the_signs_and_columns_of_the_benchmark(tmp_path, monkeypatch
 
 def test_the_benchmark_starts_as_published():
     """FDRA prints ±26.54612 MPa and log10 θ = 3.903090; initial rates of the surface are half those of the plates."""
-    fault = paper_scenario(quick=True, dip=30.0, slip="normal").fault
+    fault = bp3_scenario(quick=True, dip=30.0, slip="normal").fault
     state = friction.initial_state(fault)
     assert state.prestress[0] / 1e6 == pytest.approx(26.54612, abs=1e-5)
     assert np.log10(state.theta(fault)[0]) == pytest.approx(3.903090, abs=1e-6)
     rate = Surface(fault, [-16e3, 0.01])(state.rates[0], 1.0)
     assert np.allclose(rate, [-4.329686e-10 - 2.499745e-10j, 4.330127e-10 + 2.5e-10j], rtol=2e-4)
     assert papers()["seas-bp3"].paper.title.startswith("SEAS benchmark problem BP3-QD")
-    assert "Erickson2023" in EXPERIMENTS["fault"].references(paper_scenario())["dipping faults"]
+    assert "Erickson2023" in EXPERIMENTS["fault"].references(bp3_scenario())["dipping faults"]
 
 
 def made(case, cell, factor=1.0):
     """A result with the published series, its slip multiplied by a factor."""
-    chosen, published = paper_scenario(dip=case[0], slip=case[1], cell=cell), PUBLISHED[case]
+    chosen, published = bp3_scenario(dip=case[0], slip=case[1], cell=cell), FDRA[case]
     fault = chosen.fault
     start = np.r_[published["events"], 1100 + published["cycle"][1] / published["cycle"][0] * np.arange(6)] * YEAR
     columns = np.ones((len(room.FaultEvents._fields), len(start)))
@@ -413,19 +413,19 @@ def test_series_are_drawn_in_years_and_megapascals_and_uplift_is_up():
 
 
 def test_verdicts_follow_the_numbers():
-    fine, coarse = ([made(case, cell) for case in PUBLISHED] for cell in (25.0, 50.0))
-    claims = evaluate_claims(fine, coarse)
+    fine, coarse = ([made(case, cell) for case in FDRA] for cell in (25.0, 50.0))
+    claims = bp3_claims(fine, coarse)
     assert {c.verdict for c in claims} == {"reproduced"}
     assert len({c.id for c in claims}) == len(claims)
     fine[1] = made((30.0, "normal"), 25.0, 1.02)
     coarse[1] = made((30.0, "normal"), 50.0, 1.02)
-    other = {c.id for c in evaluate_claims(fine, coarse) if c.verdict == "not reproduced"}
+    other = {c.id for c in bp3_claims(fine, coarse) if c.verdict == "not reproduced"}
     assert other == {"slip-250-30-normal", "slip-490-30-normal"}
     coarse[0] = made((60.0, "thrust"), 40e3 / 1500, 1.002)  # an error that the ratio of the cells makes larger
-    unsure = {c.id for c in evaluate_claims(fine, coarse) if c.verdict == "undecided"}
+    unsure = {c.id for c in bp3_claims(fine, coarse) if c.verdict == "undecided"}
     assert unsure == {"slip-250-60-thrust", "slip-490-60-thrust"}
     coarse[0] = made((60.0, "thrust"), 50.0, 1.002)  # cells twice as long: the change is the error, not a third of it
-    claims = {c.id: c for c in evaluate_claims(fine, coarse)}
+    claims = {c.id: c for c in bp3_claims(fine, coarse)}
     slip = claims["slip-250-60-thrust"]
     assert slip.error == pytest.approx(0.002 * abs(slip.measured))
 

@@ -18,7 +18,7 @@ from stickslip.runs.folder import write_result
 from stickslip.runs.page import folder_content
 from stickslip.wings.faults.fault import report
 from stickslip.wings.faults.fault import simulate as room
-from stickslip.wings.faults.fault.claims import evaluate_claims, paper_scenario
+from stickslip.wings.faults.fault.claims import bp1_claims, bp1_scenario
 from stickslip.wings.faults.fault.figures import max_slip_velocity
 from stickslip.wings.faults.friction.fault_record import YEAR
 from tests.conftest import save_noise
@@ -304,7 +304,7 @@ def made(recurrence=78.34, **more):
     events = room.FaultEvents(
         **{name: np.full(8, columns.get(name, 1.0)) for name in room.FaultEvents._fields} | {"start": start}
     )
-    chosen = paper_scenario(quick=True)
+    chosen = bp1_scenario(quick=True)
     state = room.initial_state(chosen.fault)
     history = room.FaultHistory(
         **dict.fromkeys(room.FaultHistory._fields)
@@ -314,13 +314,13 @@ def made(recurrence=78.34, **more):
 
 
 def test_verdicts_follow_the_numbers():
-    same = {c.id: c for c in evaluate_claims(made(), (made(),))}
+    same = {c.id: c for c in bp1_claims(made(), (made(),))}
     assert same["recurrence"].verdict == "reproduced"
     assert all(c.verdict == "reproduced" for c in same.values() if c.id != "initial-state"), same
-    other = {c.id: c.verdict for c in evaluate_claims(made(79.5, depth=20e3), (made(79.5, depth=20e3),))}
+    other = {c.id: c.verdict for c in bp1_claims(made(79.5, depth=20e3), (made(79.5, depth=20e3),))}
     assert other["recurrence"] == "not reproduced"
     assert other["nucleation-depth"] == "not reproduced"
-    unsure = {c.id: c.verdict for c in evaluate_claims(made(), (made(80.0),))}
+    unsure = {c.id: c.verdict for c in bp1_claims(made(), (made(80.0),))}
     assert unsure["recurrence"] == "undecided"
 
 

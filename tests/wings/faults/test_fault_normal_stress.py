@@ -16,7 +16,7 @@ from stickslip import friction
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
 from stickslip.runs.folder import write_result
 from stickslip.wings.faults.fault import simulate as room
-from stickslip.wings.faults.fault.injection import PUBLISHED, evaluate_claims, paper_scenario
+from stickslip.wings.faults.fault.claims import CYCLAPS, bp6_claims, bp6_scenario
 from stickslip.wings.faults.friction.fault_record import YEAR
 from stickslip.wings.faults.friction.fault_state import perturbed_state, with_rates
 from stickslip.wings.faults.friction.stress_transfer import INSTANTS
@@ -316,20 +316,20 @@ def test_no_plates_need_a_velocity_at_the_start():
 
 
 def test_the_benchmark_starts_as_published():
-    state = friction.initial_state(paper_scenario(quick=True).fault, velocity=1e-12, stress=29.2e6)
-    assert np.log10(state.theta(paper_scenario(quick=True).fault)[0]) == pytest.approx(10.612318, abs=1e-6)
+    state = friction.initial_state(bp6_scenario(quick=True).fault, velocity=1e-12, stress=29.2e6)
+    assert np.log10(state.theta(bp6_scenario(quick=True).fault)[0]) == pytest.approx(10.612318, abs=1e-6)
     assert papers()["seas-bp6"].paper.title.startswith("SEAS benchmark problem BP6-QD")
     assert papers()["seas-bp1"].paper.title.startswith("SEAS benchmark problem BP1-QD")
 
 
 def made(factor=1.0):
     """A result with the published series, its slip multiplied by a factor."""
-    chosen = paper_scenario(quick=True)
+    chosen = bp6_scenario(quick=True)
     fault = chosen.fault
-    rows = [row for table in PUBLISHED.values() for row in table]
+    rows = [row for table in CYCLAPS.values() for row in table]
     time = np.array([0.0, *sorted(row[0] for row in rows)])
     table = np.zeros((3, len(time), 6)) + np.array([0.0, -12.0, 29.2])[:, None, None]
-    for place, values in enumerate(PUBLISHED.values()):
+    for place, values in enumerate(CYCLAPS.values()):
         for t, *measured, _ in values:
             table[:, time == t, place] = np.array(measured)[:, None]
     state = friction.initial_state(fault, velocity=1e-12, stress=29.2e6)
@@ -344,8 +344,8 @@ def made(factor=1.0):
 
 
 def test_verdicts_follow_the_numbers():
-    assert {c.verdict for c in evaluate_claims(made(), made(), made())} == {"reproduced"}
-    other = {c.id: c.verdict for c in evaluate_claims(made(1.02), made(), made(1.02))}
+    assert {c.verdict for c in bp6_claims(made(), made(), made())} == {"reproduced"}
+    other = {c.id: c.verdict for c in bp6_claims(made(1.02), made(), made(1.02))}
     assert [key for key, verdict in other.items() if verdict == "not reproduced"] == [f"slip-{k}" for k in range(1, 6)]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stickslip import friction
-from stickslip.wings.faults.friction import stability
+from stickslip.wings.faults.friction.fault import _Lengths
 from stickslip.wings.faults.friction.fault_record import YEAR
 from stickslip.wings.faults.friction.fault_state import (
     EXPONENT,
@@ -124,4 +124,4 @@ def test_bp2_alternates_between_large_and_moderate_events():
 
 @pytest.mark.parametrize(("longest", "possible"), [(1.9, False), (2.1, True), (0.9, False)])
 def test_a_part_must_be_as_long_as_two_half_lengths(longest, possible):
-    assert stability._Lengths(longest, 0.1, 1.0).possible is possible
+    assert _Lengths(longest, 0.1, 1.0).possible is possible

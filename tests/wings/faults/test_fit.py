@@ -7,11 +7,11 @@ from scipy.stats import binom, norm
 from scipy.stats import t as student
 
 from stickslip.wings.faults.friction.fitting import fit
+from stickslip.wings.faults.friction.inference import compare_laws
+from stickslip.wings.faults.friction.laws import RateState, Spring, spring_slider
 from stickslip.wings.faults.friction.loads import LoadStep, load_steps, slide_hold_slide, velocity_steps
 from stickslip.wings.faults.friction.model import Data, autoregression, effective_samples, prepare, whitened
-from stickslip.wings.faults.friction.model_comparison import compare_laws
 from stickslip.wings.faults.friction.problem import Task, jacobian, residual
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 
 PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # Ferdowsi & Rubin 2021
 STIFFNESS = 100.0

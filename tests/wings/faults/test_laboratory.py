@@ -11,8 +11,8 @@ from scipy.io import savemat
 
 from stickslip.wings.faults.friction.fitting import fit
 from stickslip.wings.faults.friction.laboratory import LabRecord, read_record, record_columns, record_data, write_csv
+from stickslip.wings.faults.friction.laws import RateState, Spring, spring_slider
 from stickslip.wings.faults.friction.loads import velocity_steps
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
 
 HEAD = "time [s], load_point [um], friction [-]"

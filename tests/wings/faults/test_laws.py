@@ -5,13 +5,19 @@ import pytest
 from scipy.linalg import expm
 
 from stickslip.wings.faults.friction import laws
-from stickslip.wings.faults.friction import ratestate as closed
 from stickslip.wings.faults.friction.fitting import fit
-from stickslip.wings.faults.friction.laws import rates
+from stickslip.wings.faults.friction.laws import (
+    RateState,
+    Spring,
+    critical_stiffness,
+    prescribed,
+    rates,
+    slider_of,
+    spring_slider,
+    steady_sliding,
+)
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
 from stickslip.wings.faults.friction.model import Data
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, prescribed, slider_of, spring_slider
-from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
 from tests.wings.faults.closed_forms import stiff_step
 
 USUAL = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)
@@ -41,7 +47,7 @@ def test_scalars_are_the_formulas_and_their_derivatives(rs):
     for w, s, s2 in rng.uniform(-3, 3, (20, 3)):
         states = [rs.dc / rs.v0 * np.exp(s), rs.dc2 / rs.v0 * np.exp(s2)]
         mu = scalars(rs, w, s, s2)
-        assert mu == pytest.approx(float(closed.friction_of(rs, rs.v0 * np.exp(w), *states)), rel=1e-13)
+        assert mu == pytest.approx(float(laws.friction_of(rs, rs.v0 * np.exp(w), *states)), rel=1e-13)
         slopes = scalars(rs, w, s, s2, laws.slopes)
         point, axes = np.array([w, s, s2]), d * np.eye(3)
         values = [scalars(rs, *(point + e)) - scalars(rs, *(point - e)) for e in axes]
@@ -72,7 +78,7 @@ def test_sliding_becomes_steady(rs, law):
     h = spring_slider(rs, Spring(1e5), velocity_steps([1e-6, 1e-5, 3e-7], distance=2e-3))
     for velocity, end in ((1e-6, 2e3), (1e-5, 2.2e3)):
         row = np.argmin(np.abs(h.time - end))
-        assert h.friction[row] == pytest.approx(float(closed.steady_friction(rs, velocity)), rel=1e-8)
+        assert h.friction[row] == pytest.approx(float(laws.steady_friction(rs, velocity)), rel=1e-8)
         assert h.theta[row] == pytest.approx(rs.dc / velocity, rel=1e-6)
         if rs.b2:
             assert h.theta2[row] == pytest.approx(rs.dc2 / velocity, rel=1e-6)
@@ -116,15 +122,15 @@ def test_rest_is_regular_with_the_regularized_form_only():
     slow = USUAL._replace(form="regularized")
     theta = slow.dc / 1e-6
     rate = np.exp(slow.mu0 / slow.a) / (2 * slow.v0)  # f = a V rate near rest, at θ = D_c/V0
-    assert closed.friction_of(slow, 1e-40, theta) == pytest.approx(slow.a * rate * 1e-40, rel=1e-12)
+    assert laws.friction_of(slow, 1e-40, theta) == pytest.approx(slow.a * rate * 1e-40, rel=1e-12)
 
 
 def test_cut_offs_turn_weakening_into_strengthening_or_end_the_direct_effect():
     """Above V2 the evolution effect ends, and steady friction rises as a ln V; above V1 it falls as −b ln V."""
     fast = np.array([1e-3, 1e-2])
-    rise = np.diff(closed.steady_friction(USUAL._replace(v2=1e-6), fast))[0]
+    rise = np.diff(laws.steady_friction(USUAL._replace(v2=1e-6), fast))[0]
     assert rise == pytest.approx(USUAL.a * np.log(10), rel=2e-3)
-    fall = np.diff(closed.steady_friction(USUAL._replace(v1=1e-6), fast))[0]
+    fall = np.diff(laws.steady_friction(USUAL._replace(v1=1e-6), fast))[0]
     assert fall == pytest.approx(-USUAL.b * np.log(10), rel=2e-3)
 
 

@@ -7,8 +7,8 @@ from scipy.stats import linregress
 from scipy.stats import t as student
 
 from stickslip.wings.faults.friction.laboratory import healing, hold_response, steady_mean, steady_start
+from stickslip.wings.faults.friction.laws import RateState, Spring, spring_slider
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 
 
 def memory(seed, number, rho):

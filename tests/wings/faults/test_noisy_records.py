@@ -5,9 +5,9 @@ import pytest
 
 from stickslip.wings.faults.friction.fitting import fit
 from stickslip.wings.faults.friction.laboratory import LabRecord, record_data, write_csv
+from stickslip.wings.faults.friction.laws import RateState, Spring, spring_slider
 from stickslip.wings.faults.friction.loads import LoadStep, find_steps, stated_steps, velocity_steps, with_normal
 from stickslip.wings.faults.friction.model import Data
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
 
 SURFACE, SPRING = RateState(0.010, 0.006, 1e-5, 0.6, 1e-6), Spring(1e4)

@@ -8,9 +8,9 @@ from scipy.stats import binom
 from scipy.stats import t as student
 
 from stickslip.runs.sweep.definition import members, sweep
+from stickslip.wings.faults.friction.inference import PERCENTS, posterior
+from stickslip.wings.faults.friction.laws import RateState, prescribed
 from stickslip.wings.faults.friction.model import DEFAULTS, Data, model_friction, prepare
-from stickslip.wings.faults.friction.ratestate import RateState, prescribed
-from stickslip.wings.faults.friction.sampling import PERCENTS, posterior
 from stickslip.wings.faults.rate_state.figures import corner
 from tests.conftest import stickslip_here
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from stickslip.wings.faults.friction.fitting import fit, solve_fit
+from stickslip.wings.faults.friction.inference import gain_by
 from stickslip.wings.faults.friction.laboratory import LabRecord, write_csv
+from stickslip.wings.faults.friction.laws import RateState, Spring, spring_slider
 from stickslip.wings.faults.friction.loads import velocity_steps
-from stickslip.wings.faults.friction.model_comparison import gain_by
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from stickslip.wings.faults.rate_state import fit_report
 
 STIFFNESS, TREND, NOISE = 1500.0, 4.0, 2e-4

@@ -7,11 +7,19 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
-from stickslip.wings.faults.friction import ratestate as closed
-from stickslip.wings.faults.friction.laws import rates
+from stickslip.wings.faults.friction import laws as closed
+from stickslip.wings.faults.friction.laws import (
+    End,
+    RateState,
+    Spring,
+    critical_stiffness,
+    prescribed,
+    rates,
+    slider_of,
+    spring_slider,
+    steady_sliding,
+)
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
-from stickslip.wings.faults.friction.ratestate import End, RateState, Spring, prescribed, slider_of, spring_slider
-from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
 from tests.wings.faults.closed_forms import stiff_step
 
 PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # Ferdowsi & Rubin 2021

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from stickslip.wings.faults.friction.laws import RateState, Spring, spring_slider
 from stickslip.wings.faults.friction.loads import LoadStep
-from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from stickslip.wings.papers.gouge import claims as gouge_claims
 from stickslip.wings.papers.gouge import claims as text
 from stickslip.wings.papers.gouge.paper import paper_scenario

@@ -9,7 +9,7 @@ import stickslip as ss
 from benchmarks import pairs_by_law
 from benchmarks.births import births_by_law
 from stickslip.core.state import volume
-from stickslip.reports.claims_report import place
+from stickslip.reports.claims import place
 from stickslip.solve.freedom import jacobian
 from stickslip.wings.papers.sphere_shear import claims
 from stickslip.wings.papers.sphere_shear.claims import late_births, motion_claims, number_claims

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import stickslip as ss
-from stickslip.experiments.samples import make_law
+from stickslip.experiments.realizations import make_law
 from stickslip.solve.newton import Factorisation
 from stickslip.wings.soils.element_test import simulate as element
 from stickslip.wings.soils.element_test.sample import drive_of, make_sample

@@ -9,9 +9,9 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.bonding import with_weakest_broken
 from stickslip.core.progress import NotInEquilibriumError
-from stickslip.experiments.experiment import SweepMember
-from stickslip.experiments.samples import make_law
-from stickslip.figures.saving import render as png
+from stickslip.experiments.realizations import make_law
+from stickslip.experiments.registry import SweepMember
+from stickslip.figures.style import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.wings.soils.element_test import simulate as element
 from stickslip.wings.soils.element_test.measures import SAMPLE, LoadedSample

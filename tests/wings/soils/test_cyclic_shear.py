@@ -12,9 +12,9 @@ from stickslip.cli import main
 from stickslip.core.arguments import checked
 from stickslip.core.dynamics.ledger import Ledger
 from stickslip.core.progress import NotInEquilibriumError
-from stickslip.experiments.experiment import named_measures
-from stickslip.experiments.samples import make_law
-from stickslip.figures.saving import render as png
+from stickslip.experiments.realizations import make_law
+from stickslip.experiments.registry import named_measures
+from stickslip.figures.style import render as png
 from stickslip.wings.soils.cyclic_shear import report
 from stickslip.wings.soils.cyclic_shear import simulate as cyclic
 from stickslip.wings.soils.element_test.sample import make_sample

@@ -13,9 +13,9 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.laws.builtin import with_values
 from stickslip.data import laboratory_table
-from stickslip.experiments.experiment import SweepMember, named_measures
-from stickslip.experiments.samples import make_law
-from stickslip.figures.saving import render as png
+from stickslip.experiments.realizations import make_law
+from stickslip.experiments.registry import SweepMember, named_measures
+from stickslip.figures.style import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.solve.newton import Factorisation
 from stickslip.wings.soils.element_test import figures as element_figures

@@ -10,9 +10,9 @@ from matplotlib import pyplot as plt
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.experiments.experiment import named_measures
-from stickslip.experiments.samples import make_law
-from stickslip.figures.saving import render as png
+from stickslip.experiments.realizations import make_law
+from stickslip.experiments.registry import named_measures
+from stickslip.figures.style import render as png
 from stickslip.runs.page import folder_content
 from stickslip.wings.soils.element_test import simulate as element
 from stickslip.wings.soils.element_test.measures import MEASURES

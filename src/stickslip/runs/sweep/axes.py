@@ -319,7 +319,12 @@ def read_draws(draws, entries: dict, kind) -> dict[str, list[float]]:
             raise ScenarioError(f"sweep.{key}: sweep.draws has no column {name!r}: its columns are {', '.join(table)}")
         unit, out[name] = table[name]
         if of_file and entry.times is None:
-            _check_unit(key, name, unit, field_at(kind, key).description)
+            wanted = split_unit(field_at(kind, key).description)[1]
+            if unit != wanted and not (unit in PLAIN and wanted in PLAIN):
+                raise ScenarioError(
+                    f"sweep.{key}: column {name!r} is in [{unit or '-'}] and the key in [{wanted or '-'}]: give the "
+                    f'factor between them, as in {{column = "{name}", times = 1e-6}}'
+                )
     lengths = {name: len(values) for name, values in out.items()}
     if len(set(lengths.values())) > 1:
         raise ScenarioError(f"the columns of sweep.draws have different lengths: {lengths}")
@@ -367,12 +372,3 @@ def _check_table(draws) -> dict[str, tuple[str, list[float]]]:
     if not out:
         raise ScenarioError("sweep.draws must be the path of a CSV file, or a table of columns")
     return out
-
-
-def _check_unit(key: str, name: str, unit: str, description: str | None) -> None:
-    wanted = split_unit(description)[1]
-    if unit != wanted and not (unit in PLAIN and wanted in PLAIN):
-        raise ScenarioError(
-            f"sweep.{key}: column {name!r} is in [{unit or '-'}] and the key in [{wanted or '-'}]: give the factor "
-            f'between them, as in {{column = "{name}", times = 1e-6}}'
-        )

@@ -15,9 +15,8 @@ from ...core.reading import check_regular_file
 from ...core.units import units_in_use
 from ...data.run_files import MEMBERS, NUMBERS, write_file
 from ...data.schema import field_at, split_unit
-from ...experiments.experiment import SweepMember
-from ...experiments.registry import EXPERIMENTS, scenario_class
-from ...figures.saving import FORMATS, PLAIN, Look, render_all
+from ...experiments.registry import EXPERIMENTS, SweepMember, scenario_class
+from ...figures.style import FORMATS, PLAIN, Look, render_all
 from .axes import Axis, short_names
 from .definition import Sweep, member, values_of
 

@@ -381,7 +381,12 @@ def _restrict(node: ast.expr, text: str, keys: tuple[str, ...], wanted: type, de
         case ast.BinOp() if isinstance(node.op, ARITHMETIC):
             return ast.BinOp(below(node.left), node.op, below(node.right))
     if (name := _dotted_name(node)) is not None:
-        return ast.Name(_find_key(name, text, keys), ast.Load())
+        matches = [key for key in keys if key == name] or [key for key in keys if key.endswith(f".{name}")]
+        if len(matches) == 1:
+            return ast.Name(matches[0], ast.Load())
+        if matches:
+            raise _refusal(text, f"{name!r} may be {' or '.join(matches)}", "give the whole name")
+        raise _refusal(text, f"{shortened(name)!r} is not a swept key", f"the keys are {shortened(', '.join(keys))}")
     raise _refusal(text, f"{_quoted(node)} is not a number or the name of a swept key", ALLOWED)
 
 
@@ -394,15 +399,6 @@ def _dotted_name(node: ast.AST) -> str | None:
         parts.append(node.attr)
         node = node.value
     return ".".join([node.id, *reversed(parts)]) if isinstance(node, ast.Name) else None
-
-
-def _find_key(name: str, text: str, keys: tuple[str, ...]) -> str:
-    matches = [key for key in keys if key == name] or [key for key in keys if key.endswith(f".{name}")]
-    if len(matches) == 1:
-        return matches[0]
-    if matches:
-        raise _refusal(text, f"{name!r} may be {' or '.join(matches)}", "give the whole name")
-    raise _refusal(text, f"{shortened(name)!r} is not a swept key", f"the keys are {shortened(', '.join(keys))}")
 
 
 def _quoted(node: ast.AST) -> str:

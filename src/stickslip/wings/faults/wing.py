@@ -7,7 +7,7 @@ WING = Wing(
     words="rate-and-state friction, records and their fits, spring-sliders, earthquake cycles",
     experiments={"rate-state": "rate_state", "fault": "fault"},
     commands="commands",
-    selfchecks="friction.ratestate.selfchecks",
+    selfchecks="friction.laws.selfchecks",
     pages=(
         "rate_and_state", "faults", "tutorials/laboratory_record", "tutorials/from_record_to_fault",
         "theory/rate_and_state",

@@ -51,9 +51,9 @@ EXPERIMENT = Experiment(
         name="seas-bp1",
         title="SEAS benchmark problem BP1-QD: earthquake cycles on a strike-slip fault",
         cuts="cells of 50 m instead of 25 m, and 700 years instead of 1200; the coarser runs have cells of 100 m",
-        scenario=_here("claims.paper_scenario"),
-        reproduce=_here("claims.reproduce"),
-        shows=_here("claims.SHOWS"),
+        scenario=_here("claims.bp1_scenario"),
+        reproduce=_here("claims.reproduce_bp1"),
+        shows=_here("claims.BP1_SHOWS"),
     ),
     more_papers=(
         Paper(
@@ -61,17 +61,17 @@ EXPERIMENT = Experiment(
             title="SEAS benchmark problem BP3-QD: earthquake cycles on a dipping fault",
             cuts="cells of 50 m instead of 25 m, 500 years instead of 1500, only dips with published series; the "
             "coarser runs have cells of 62.5 m",
-            scenario=_here("dipping.paper_scenario"),
-            reproduce=_here("dipping.reproduce"),
-            shows=_here("dipping.SHOWS"),
+            scenario=_here("claims.bp3_scenario"),
+            reproduce=_here("claims.reproduce_bp3"),
+            shows=_here("claims.BP3_SHOWS"),
         ),
         Paper(
             name="seas-bp6",
             title="SEAS benchmark problem BP6-QD: aseismic slip due to injected fluid",
             cuts="the slip law with cells of 19.5 m instead of 6.5 m, and samples every 20,000 s instead of 10,000 s",
-            scenario=_here("injection.paper_scenario"),
-            reproduce=_here("injection.reproduce"),
-            shows=_here("injection.SHOWS"),
+            scenario=_here("claims.bp6_scenario"),
+            reproduce=_here("claims.reproduce_bp6"),
+            shows=_here("claims.BP6_SHOWS"),
         ),
     ),
 )

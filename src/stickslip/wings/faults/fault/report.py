@@ -236,7 +236,18 @@ def show(result: FaultResult) -> None:
     """Print the events, their sources and their average."""
     events = result.history.events
     if len(events.start):
-        show_table(_table_of_events(events))
+        lasted, unit = in_readable_units(events.end - events.start, "s")
+        table = new_table(
+            "year", f"lasts [{unit}]", "starts at [km]", "rupture [km]", "speed [km/s]", "max V [m/s]", "slip [m]",
+            "surface [m]", title="Events (* the first, after an artificial start)",
+        )  # fmt: skip
+        for k in range(min(SHOWN, len(events.start))):
+            table.add_row(
+                _year_of(events, k), f"{lasted[k]:.4g}", f"{events.depth[k] / 1e3:.2f}",
+                f"{events.top[k] / 1e3:.1f}–{events.bottom[k] / 1e3:.1f}", _known(events.rupture_speed[k] / 1e3),
+                f"{events.max_velocity[k]:.3g}", f"{events.max_slip[k]:.3f}", f"{events.surface_slip[k]:.3f}",
+            )  # fmt: skip
+        show_table(table)
         show_table(_table_of_sources(result))
         names = ("released", "frictional", "fracture", "radiated")
         table = new_table("year", *(f"{name} [GJ]" for name in names), title="Energies for each metre along strike")
@@ -265,21 +276,6 @@ def _year_of(events: FaultEvents, k: int) -> str:
 
 def _known(value: float) -> str:
     return f"{value:.3g}" if np.isfinite(value) else "–"
-
-
-def _table_of_events(events: FaultEvents):
-    lasted, unit = in_readable_units(events.end - events.start, "s")
-    table = new_table(
-        "year", f"lasts [{unit}]", "starts at [km]", "rupture [km]", "speed [km/s]", "max V [m/s]", "slip [m]",
-        "surface [m]", title="Events (* the first, after an artificial start)",
-    )  # fmt: skip
-    for k in range(min(SHOWN, len(events.start))):
-        table.add_row(
-            _year_of(events, k), f"{lasted[k]:.4g}", f"{events.depth[k] / 1e3:.2f}",
-            f"{events.top[k] / 1e3:.1f}–{events.bottom[k] / 1e3:.1f}", _known(events.rupture_speed[k] / 1e3),
-            f"{events.max_velocity[k]:.3g}", f"{events.max_slip[k]:.3f}", f"{events.surface_slip[k]:.3f}",
-        )  # fmt: skip
-    return table
 
 
 def _table_of_sources(result: FaultResult):

@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ....kit import ArchiveError, Report, ScenarioError, checked, checkpoint_in, result_of, silent, within
-from ..friction.fault import Fault, profile
+from ..friction.fault import Fault, Nucleation, nucleation, profile
 from ..friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
 from ..friction.fault_record import YEAR, FaultEvents, Recording, moment_magnitude
 from ..friction.fault_state import FaultState, initial_state
-from ..friction.stability import Nucleation, nucleation
 from ..friction.stress_transfer import KERNEL, Injection, Oscillation, StressTable
 from . import EXPERIMENT
 from .scenario import FaultScenario

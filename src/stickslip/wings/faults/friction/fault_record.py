@@ -108,10 +108,16 @@ def measure_source(fault: Fault, prestress: np.ndarray, begin, end, arrival: np.
     length, moment = h * int(ruptured.sum()), fault.shear_modulus * h * float(slip.sum())
     endless = fault.boundary == "periodic" and bool(ruptured.all())
     surface = fault.boundary == "surface" and bool(ruptured[0])
+    first = int(np.argmin(arrival))  # ruptured cell; the speed is that to the farthest one
+    distance = np.abs(fault.depth - fault.depth[first])
+    if fault.boundary == "periodic":
+        distance = np.minimum(distance, fault.width - distance)
+    far = int(np.argmax(np.where(ruptured, distance, -1.0)))
+    took = arrival[far] - arrival[first]
     return {
         "moment": moment,
         "rupture_length": length,
-        "rupture_speed": _rupture_speed(fault, arrival),
+        "rupture_speed": float(distance[far] / took) if took > 0 else np.nan,
         "stress_drop": float(drop[ruptured].mean()),
         "slip_weighted_stress_drop": float(drop @ slip / slip.sum()),
         "seismological_stress_drop": np.nan if endless else crack_stress_drop(fault, moment, length, surface=surface),
@@ -121,17 +127,6 @@ def measure_source(fault: Fault, prestress: np.ndarray, begin, end, arrival: np.
         "radiated": radiated,
         "fracture": frictional - h * float(slip @ (middle - 0.5 * drop)),
     }  # fmt: skip
-
-
-def _rupture_speed(fault: Fault, arrival: np.ndarray) -> float:
-    """Distance from the first ruptured cell to the farthest, over the time between; NaN for a single cell."""
-    first = int(np.argmin(arrival))
-    distance = np.abs(fault.depth - fault.depth[first])
-    if fault.boundary == "periodic":
-        distance = np.minimum(distance, fault.width - distance)
-    far = int(np.argmax(np.where(np.isfinite(arrival), distance, -1.0)))
-    took = arrival[far] - arrival[first]
-    return float(distance[far] / took) if took > 0 else np.nan
 
 
 CHANGE = 0.05  # largest change of log10 of the maximum slip velocity between two samples

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ....kit import Report, checked, readable, silent, within
-from .laws import EVOLUTIONS, FORMS
+from .laws import EVOLUTIONS, FORMS, RateState
 from .model import (
     DEFAULTS,
     FIT,
@@ -47,7 +47,6 @@ from .problem import (
     solve,
     without_intervals,
 )
-from .ratestate import RateState
 
 MIN_INDEPENDENT = 3.0  # independent samples per parameter; with fewer, residuals are not noise
 MISFIT = (
@@ -217,17 +216,13 @@ def solve_fit(
     if noise == "correlated":
         x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
-    reduced = _reduced_residual(task, x, filters)
+    rest = filtered_residual(task, x, filters)
+    # the noise between samples, or that of the bulk of the residuals if it is larger
+    level = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
+    reduced = float(np.sqrt(np.mean(rest**2))) / max(level, TINY)
     if reduced > MOST_REDUCED:
         x, adequate = least, False
     return Solution(task, x, filters, evaluations, adequate, reduced, spikes)
-
-
-def _reduced_residual(task: Task, x, filters) -> float:
-    """Size of the filtered residuals over the noise: that between samples, or that of their bulk if larger."""
-    rest = filtered_residual(task, x, filters)
-    noise = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
-    return float(np.sqrt(np.mean(rest**2))) / max(noise, TINY)
 
 
 def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
@@ -253,19 +248,16 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
         solved = solve(task, x, filters)
         x, evaluations = solved.x, evaluations + solved.nfev
         rest = residual(task, x)
-        taken = [[column[run] for run in runs] for column in _absorbed_noise(task, x, filters)]
+        # rows g (m, N), Σ g gᵀ = J C Jᵀ: noise absorbed by the fit, with the covariance C = (JᵀΣ⁻¹J)⁻¹ of parameters
+        noise, slopes = filtered_residual(task, x, filters), jacobian(task, x)
+        size, vectors = np.linalg.eigh(covariance(whitened(slopes, filters, runs))[0])
+        variance = float(noise @ noise) / (len(noise) - len(x))
+        absorbed = (slopes @ (vectors * np.sqrt(variance * np.maximum(size, 0.0)))).T
+        taken = [[column[run] for run in runs] for column in absorbed]
         filters = autoregression([rest[run] for run in runs], taken=taken)
     if (float(rest @ rest) / max(least, TINY) - 1) * effective_samples(filters, len(rest)) / len(x) > MAX_EXCESS:
         return start, first, False, evaluations
     return x, filters, True, evaluations
-
-
-def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
-    """Rows g (m, N), Σ g gᵀ = J C Jᵀ: noise absorbed by the fit, with the covariance C = (JᵀΣ⁻¹J)⁻¹ of parameters."""
-    rest, rows = filtered_residual(task, x, filters), jacobian(task, x)
-    size, vectors = np.linalg.eigh(covariance(whitened(rows, filters, pieces(task)))[0])
-    variance = float(rest @ rest) / (len(rest) - len(x))
-    return (rows @ (vectors * np.sqrt(variance * np.maximum(size, 0.0)))).T
 
 
 def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
@@ -361,10 +353,13 @@ def build_fit(solution: Solution) -> Fit:
     models = tuple(
         model_friction(case, parameters_of(task, x, k), task.law, task.form) for k, case in enumerate(task.cases)
     )
+    spring = any(case.legs is not None for case in task.cases)
+    idle = {k for k, v in PLAIN.items() if task.fixed.get(k) == v and (k != "dc2" or task.fixed.get("b2") == 0)}
+    idle |= set() if spring else {"stiffness", "damping"}
     gap = estimates.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
     return Fit(
         law=task.law, names=task.names, values=estimates.values, errors=estimates.errors, intervals=estimates.intervals,
-        covariance=estimates.covariance, fixed=_fixed_values(task),
+        covariance=estimates.covariance, fixed={k: v for k, v in task.fixed.items() if k not in idle},
         difference=(gap, gap - estimates.error, gap + estimates.error),
         identifiable=estimates.identifiable, adequate=adequate, sentence=estimates.sentence,
         residuals=tuple(case.friction - model for case, model in zip(task.cases, models, strict=True)), models=models,
@@ -373,10 +368,3 @@ def build_fit(solution: Solution) -> Fit:
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations, form=task.form,
         reduced=reduced, spikes=spikes,
     )  # fmt: skip
-
-
-def _fixed_values(task: Task) -> dict:
-    """Fixed values that apply: those of the spring and of the variant of the law."""
-    spring = any(case.legs is not None for case in task.cases)
-    plain = {k for k, v in PLAIN.items() if task.fixed.get(k) == v and (k != "dc2" or task.fixed.get("b2") == 0)}
-    return {k: v for k, v in task.fixed.items() if k not in plain and (spring or k not in ("stiffness", "damping"))}

@@ -1,4 +1,8 @@
-"""Laws of rate-and-state friction in terms of the logarithms of velocity and states, and a slider on a spring.
+"""Rate-and-state friction: a spring-slider under any load history, its stability, friction at a given slip velocity.
+
+μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), where the state θ follows the aging law (Dieterich 1979,
+doi:10.1029/JB084iB05p02161) or the slip law (Ruina 1983, doi:10.1029/JB088iB12p10359). Variants: a second state
+variable, cut-off velocities, and a form that is regular at rest.
 
 Rows (w, s, s2) contain w = ln(V/V0), s = ln(V0 θ/D_c), and s2 for a second state θ2 with D_c2. Rows (a, b, b2, mu0,
 cut, cut2) contain the parameters of a surface: cut = V0/V1 and cut2 = V0/V2, with the cut-off velocities V1 and V2 of
@@ -6,11 +10,14 @@ the direct and the evolution effect; b2 = 0 with one state. The laws themselves 
 benchmarks rate_state` compares the speed of the integrator with that of LSODA.
 """
 
+from collections.abc import Iterable
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import core
+from ....kit import Selfcheck, Series, check_types, checked, core, readable, require_positive
+from .loads import LoadStep, check_times, leg_arrays, slide_hold_slide
 
 EVOLUTIONS = {"aging": 0, "slip": 1}
 REFERENCES = {"aging": ("Dieterich1979", "Ruina1983"), "slip": ("Ruina1983",)}  # keys of references.bib
@@ -46,7 +53,7 @@ def _evaluate(form: int, logs, surface, order: int) -> np.ndarray:
     return out if order else out[:, 0]
 
 
-DONE = 0  # code of a complete history; other codes follow the order of `ratestate.End`
+DONE = 0  # code of a complete history; other codes follow the order of `End`
 
 
 class Slider(NamedTuple):
@@ -117,3 +124,389 @@ def state_history(start: float, duration, velocity, v0: float, dc: float, law: s
     out = np.empty(len(duration))
     core.state_history(EVOLUTIONS[law], start, len(out), duration, velocity, v0, dc, out)
     return out
+
+
+EARLY, POINTS = 1e-5, 60  # default times of a leg: first, as a fraction, and number on each grid (logarithmic, linear)
+
+
+@readable
+class RateState(NamedTuple):
+    """Rate-and-state parameters of a surface.
+
+    μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c); aging law θ' = 1 − Vθ/D_c, slip law θ' = −(Vθ/D_c) ln(Vθ/D_c). If the normal
+    stress σ changes, −(α/b) θ σ'/σ is added to both (Linker and Dieterich 1992, doi:10.1029/92JB00017).
+
+    With b2, the term b2 ln(V0 θ2/D_c2) of a second state with the same evolution law is added (Ruina 1983; Gu et al.
+    1984, doi:10.1016/0022-5096(84)90007-3); changes of σ then act on both states, with α/(b + b2). With cut-off
+    velocities, a ln(V/V0) becomes −a ln(V0/V + V0/V1) and b ln(V0 θ/D_c) becomes b ln(V0 θ/D_c + V0/V2): the direct
+    effect ends above V1 and the evolution effect above V2 (Okubo 1989, doi:10.1029/JB094iB09p12321). The regularized
+    form is a arcsinh[V/(2 V0) exp((μ0 + b ln(V0 θ/D_c))/a)], which is 0 at rest (Rice, Lapusta and Ranjith 2001,
+    doi:10.1016/S0022-5096(01)00042-4).
+
+    Examples
+    --------
+    >>> RateState(0.0247, 0.0178, 5.3e-3, law="slip").alpha
+    0.0
+    """
+
+    a: float
+    b: float
+    dc: float  # [length]
+    mu0: float = 0.6
+    v0: float = 1e-6  # velocity at which steady friction is mu0 [length/time]
+    law: str = "aging"  # or "slip"
+    alpha: float = 0.0
+    form: str = "logarithmic"  # or "regularized"
+    b2: float = 0.0  # evolution effect of a second state
+    dc2: float = 1.0  # its characteristic slip; has no effect if b2 = 0 [length]
+    v1: float = np.inf  # cut-off velocity of the direct effect [length/time]
+    v2: float = np.inf  # cut-off velocity of the evolution effect [length/time]
+
+    check_entries = check_types
+
+
+@readable
+class Spring(NamedTuple):
+    """Spring that drives the slider: n μ = k (x_lp − x) − η V, with n the normal stress over its reference."""
+
+    stiffness: float  # k, stress per displacement over the reference normal stress [1/length]
+    damping: float = 0.0  # η, radiation damping over the reference normal stress; 0 is quasi-static [time/length]
+
+    check_entries = check_types
+
+
+class End(Enum):
+    """Reason for the end of a history; each member is a sentence."""
+
+    DONE = "the history reached its end"
+    RUNAWAY = "slip ran away, as it does below the critical stiffness: use a stiffer spring, or damping > 0"
+    STEPS_SPENT = "the integration used up its steps between two samples: loosen the tolerance, or request more samples"
+
+
+@readable
+class SlipHistory(NamedTuple):
+    """History of a slider at N times; after a failure, up to the last time reached."""
+
+    time: np.ndarray  # [time]
+    load_point: np.ndarray  # displacement since the start [length]
+    slip: np.ndarray  # [length]
+    velocity: np.ndarray  # slip velocity [length/time]
+    theta: np.ndarray  # [time]
+    friction: np.ndarray  # μ(V, θ); the spring force over n is μ + η V/n [1]
+    normal: np.ndarray  # normal stress over its reference; at a jump, the value before it
+    end: End = End.DONE
+    reached: float = 0.0  # time at which the history ended
+    theta2: np.ndarray | None = None  # second state, if the surface has one [time]
+
+    @property
+    def ok(self) -> bool:
+        """Return True if the history is complete."""
+        return self.end is End.DONE
+
+
+def check(rs: RateState) -> None:
+    """Raise ValueError if the parameters of a surface are not valid."""
+    for name, allowed in (("law", EVOLUTIONS), ("form", FORMS)):
+        if getattr(rs, name) not in allowed:
+            raise ValueError(f"{name} must be {' or '.join(map(repr, allowed))}, got {getattr(rs, name)!r}")
+    for name in ("a", "dc", "v0", "dc2"):
+        if not (getattr(rs, name) > 0 and np.isfinite(getattr(rs, name))):
+            raise ValueError(f"{name} must be positive and finite, got {getattr(rs, name)}")
+    for name in ("v1", "v2"):
+        if not getattr(rs, name) > 0:
+            raise ValueError(f"{name} must be a positive velocity, or inf for no cut-off, got {getattr(rs, name)}")
+    if rs.form == "regularized" and not np.isinf([rs.v1, rs.v2]).all():
+        raise ValueError("cut-off velocities require the logarithmic form, not the regularized one")
+    for name in ("b", "alpha", "b2"):
+        if not (getattr(rs, name) >= 0 and np.isfinite(getattr(rs, name))):
+            raise ValueError(f"{name} must be finite and not negative, got {getattr(rs, name)}")
+    if not np.isfinite(rs.mu0):
+        raise ValueError(f"mu0 must be finite, got {rs.mu0}")
+    if rs.alpha > 0 and rs.b + rs.b2 == 0:
+        raise ValueError(f"alpha = {rs.alpha} requires b > 0, as normal stress acts on the state")
+
+
+@checked
+def spring_slider(
+    rs: RateState,
+    spring: Spring,
+    legs: Iterable[LoadStep],
+    *,
+    times: Series | None = None,
+    before: float | None = None,
+    theta: float | None = None,
+    tolerance: float = 1e-10,
+) -> SlipHistory:
+    """History of a slider pulled by a spring.
+
+    (n A + η V) d ln V/dt = k (V_lp − V) − n B d ln θ/dt, with θ' given by the law, A = ∂μ/∂ln V and B = ∂μ/∂ln θ, which
+    are a and b in the usual law. ln V and ln θ are integrated with a stiff method that restarts at every leg. With η =
+    0, the motion is quasi-static, and slip may run away below the critical stiffness.
+
+    Parameters
+    ----------
+    legs : legs of the load point, see `LoadStep`, `velocity_steps`, `slide_hold_slide` and `load_steps`
+    times : (N,) ascending, within the legs; default: about 120 per leg, denser at its start [time]
+    before : initial slip velocity; default: that of the first leg [length/time]
+    theta : initial state; default: the steady state D_c/V. A second state starts at the same ratio to its steady value
+        [time]
+    tolerance : error of ln V and ln θ in each step
+
+    Raises
+    ------
+    ValueError
+        if parameters, legs or times are not valid. Runaway slip is not an error; see `SlipHistory.end`.
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> rs = friction.RateState(0.010, 0.015, 1e-5, law="slip")
+    >>> legs = (friction.LoadStep(10.0, 1e-6), friction.LoadStep(100.0, 1e-5))
+    >>> h = friction.spring_slider(rs, friction.Spring(1e5), legs)
+    >>> print(round(h.friction[-1] - h.friction[0], 6))  # (a − b) ln 10
+    -0.011513
+    """
+    check(rs)
+    arrays = leg_arrays(legs)
+    duration, velocity, normal = arrays
+    check_spring(spring)
+    require_positive(tolerance=tolerance)
+    start = float(velocity[0]) if before is None else before
+    if not (start > 0 and np.isfinite(start)):
+        raise ValueError(f"slip starts at the velocity {start}: give `before`, the positive slip velocity at the start")
+    if theta is not None and not (theta > 0 and np.isfinite(theta)):
+        raise ValueError(f"theta must be positive and finite, got {theta}")
+    ends = np.cumsum(duration)
+    if times is None:
+        share = np.unique(np.r_[np.geomspace(EARLY, 1.0, POINTS), np.linspace(0, 1, POINTS + 1)[1:]])
+        each = [end - d + d * share for d, end in zip(duration, ends, strict=True)]
+        times = np.unique(np.r_[0.0, np.concatenate(each)])
+    else:
+        times = _times_within(times, ends[-1])
+    w, f = np.log(start / rs.v0), np.log(rs.v0 * (theta or rs.dc / start) / rs.dc)
+    slider = slider_of(rs, spring)
+    out, code, reached = history(slider, (w, f, f), arrays, times, tolerance)
+    kept = ~np.isnan(out[:, 0])
+    factor = normal[np.minimum(np.searchsorted(ends, times[kept]), len(ends) - 1)]
+    displacement = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
+    rows = np.vstack([(w, f, f), out[kept]])
+    displacement, factor, at = np.r_[0.0, displacement], np.r_[normal[0], factor], np.r_[0.0, times[kept]]
+    speed, mu = rs.v0 * np.exp(rows[:, 0]), slider.friction(rows)
+    force = factor[0] * mu[0] + spring.damping * speed[0]
+    # from the balance of spring force and friction
+    slip = displacement - (factor * mu + spring.damping * speed - force) / spring.stiffness
+    columns = at, displacement, slip, speed, rs.dc / rs.v0 * np.exp(rows[:, 1]), mu, factor
+    return SlipHistory(*(c[1:] for c in columns), tuple(End)[code], reached, _second_state(rs, rows[1:, 2]))
+
+
+def slider_of(rs: RateState, spring: Spring) -> Slider:
+    """Build the slider of a surface and a spring."""
+    return build_slider({**rs._asdict(), **spring._asdict()}, rs.law, rs.form)
+
+
+def check_spring(spring: Spring) -> None:
+    """Raise ValueError if the parameters of a spring are not valid."""
+    if not (spring.stiffness > 0 and np.isfinite(spring.stiffness)):
+        raise ValueError(f"stiffness must be positive and finite [1/length], got {spring.stiffness}")
+    if not (spring.damping >= 0 and np.isfinite(spring.damping)):
+        raise ValueError(f"damping must be 0 (quasi-static) or positive and finite, got {spring.damping}")
+
+
+def _second_state(rs: RateState, g: np.ndarray) -> np.ndarray | None:
+    return rs.dc2 / rs.v0 * np.exp(g) if rs.b2 > 0 else None
+
+
+def _times_within(times, end: float) -> np.ndarray:
+    times = np.atleast_1d(np.asarray(times, float))
+    if len(times) > 1:
+        check_times(times)
+    slack = 1e-9 * end
+    if times[0] < 0 or not times[-1] <= end + slack:
+        raise ValueError(f"times go from {times[0]:g} to {times[-1]:g}: use times within the legs, 0 to {end:g}")
+    return np.minimum(times, end)
+
+
+@checked
+def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | None = None) -> SlipHistory:
+    """Friction of a surface under prescribed, piecewise constant slip velocity.
+
+    Exact for each piece of constant V: aging law θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip law
+    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0. At rest, friction is −∞ in the logarithmic form, returned as NaN, and
+    0 in the regularized form.
+
+    Parameters
+    ----------
+    time : (N + 1,) edges of the pieces, increasing [time]
+    velocity : (N,) velocity of each piece, not negative [length/time]
+    theta : state at time[0]; default: the steady state of the first piece. A second state starts at the same ratio to
+        its steady value
+
+    Returns
+    -------
+    SlipHistory
+        at the N ends of the pieces; `load_point` is the slip.
+    """
+    check(rs)
+    time, velocity = np.asarray(time, float), np.asarray(velocity, float)
+    check_times(time)
+    if velocity.shape != (len(time) - 1,):
+        raise ValueError(f"velocity has shape {velocity.shape} for {len(time)} times: give {len(time) - 1} pieces")
+    if not (np.isfinite(velocity).all() and (velocity >= 0).all()):
+        worst = velocity[np.flatnonzero(~(velocity >= 0))[:1]]
+        raise ValueError(f"slip velocities must be finite and not negative, got {worst}")
+    if theta is None and velocity[0] == 0:
+        raise ValueError("slip starts with velocity 0, where no state is steady: give theta")
+    start = rs.dc / velocity[0] if theta is None else theta
+    first = np.log(rs.v0 * start / rs.dc)
+    f, g = (state_history(first, np.diff(time), velocity, rs.v0, dc, rs.law) for dc in (rs.dc, rs.dc2))
+    slip = np.cumsum(np.diff(time) * velocity)
+    w = np.log(np.where(velocity > 0, velocity, np.nan) / rs.v0)
+    mu = slider_of(rs, Spring(1.0)).friction(np.stack([w, f, g], axis=1))
+    if rs.form == "regularized":
+        mu[velocity == 0] = 0.0
+    return SlipHistory(
+        time[1:], slip, slip, velocity, rs.dc / rs.v0 * np.exp(f), mu, np.ones(len(slip)), End.DONE, float(time[-1]),
+        _second_state(rs, g),
+    )  # fmt: skip
+
+
+def friction_of(rs: RateState, velocity, theta, theta2=None):
+    """Friction coefficient at a slip velocity and a state, in NumPy."""
+    check(rs)
+    v = np.asarray(velocity, float)
+    states = [(rs.b, rs.v0 * np.asarray(theta, float) / rs.dc)]
+    states += [(rs.b2, rs.v0 * np.asarray(theta2, float) / rs.dc2)] if theta2 is not None else []
+    if rs.form == "regularized":
+        scale = np.exp((rs.mu0 + sum(b * np.log(s) for b, s in states)) / rs.a)
+        return rs.a * np.arcsinh(v / (2 * rs.v0) * scale)
+    return rs.mu0 - rs.a * np.log(rs.v0 / v + rs.v0 / rs.v1) + sum(b * np.log(s + rs.v0 / rs.v2) for b, s in states)
+
+
+def steady_friction(rs: RateState, velocity):
+    """Steady friction, with θ_ss = D_c/V: μ0 + (a − b) ln(V/V0) for the usual law.
+
+    Regularized: a arcsinh[V/(2 V0) exp((μ0 − b ln(V/V0))/a)]. With cut-off velocities: μ0 + (a − b) ln(V/V0) − a ln(1 +
+    V/V1) + b ln(1 + V/V2). A second state adds b2 to b.
+
+    Examples
+    --------
+    >>> print(round(steady_friction(RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02), 0.2) - 0.4, 5))
+    0.01589
+    """
+    check(rs)
+    v = np.asarray(velocity, float)
+    w, b = np.log(v / rs.v0), rs.b + rs.b2
+    if rs.form == "regularized":
+        return rs.a * np.arcsinh(v / (2 * rs.v0) * np.exp((rs.mu0 - b * w) / rs.a))
+    return rs.mu0 + (rs.a - b) * w - rs.a * np.log1p(v / rs.v1) + b * np.log1p(v / rs.v2)
+
+
+@readable
+class Sliding(NamedTuple):
+    """Stability of steady sliding at one velocity against small disturbances."""
+
+    stable: bool
+    critical: float  # stiffness below which it is unstable; not positive if it is always stable [1/length]
+    eigenvalues: np.ndarray  # (2,) complex, (3,) with two states; a disturbance is a sum of terms e^{λt} [1/time]
+    growth_rate: float  # largest real part; negative if disturbances decay [1/time]
+    frequency: float  # angular, 0 without oscillation [1/time]
+    sentence: str
+
+
+@checked
+def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.0) -> float:
+    """Critical stiffness k_c per unit normal stress: steady sliding is unstable if and only if k < k_c.
+
+    With one state, k_c = (B − A − η V)/D_c for both evolution laws (Ruina 1983, doi:10.1029/JB088iB12p10359; Rice and
+    Ruina 1983, doi:10.1115/1.3167042), where A = ∂μ/∂ln V and B = ∂μ/∂ln θ in steady sliding at V; for the usual law
+    A = a and B = b. Radiation damping η adds η V to A. With two states, k_c is the larger root of the quadratic
+    equation from Hurwitz's criterion for the cubic characteristic polynomial (compare Gu et al. 1984,
+    doi:10.1016/0022-5096(84)90007-3), and −∞ if there is none.
+
+    Parameters
+    ----------
+    velocity : V, relevant only with damping, cut-off velocities or the regularized form; 0: use the slopes at v0
+        [length/time]
+    damping : η over the normal stress [time/length]
+
+    Examples
+    --------
+    >>> print(round(critical_stiffness(RateState(0.010, 0.015, 1e-5)), 6))
+    500.0
+    """
+    check(rs)
+    direct, slope, slope2 = steady_slopes(rs, velocity or rs.v0)
+    direct += damping * velocity
+    if rs.b2 == 0:
+        return (slope - direct) / rs.dc
+    first, second = rs.dc, rs.dc2
+    # coefficients of the cubic in λ/V: M D D2, D D2 k + p, (D + D2) k + q, k
+    p, q = direct * (first + second) - slope * second - slope2 * first, direct - slope - slope2
+    roots = np.roots(
+        [first * second * (first + second), first * second * q + (first + second) * p - direct * first * second, p * q]
+    )
+    return float(max(roots.real)) if np.isreal(roots).all() else -np.inf
+
+
+def steady_slopes(rs: RateState, velocity: float) -> tuple[float, float, float]:
+    """Derivatives of friction with respect to ln V, ln θ and ln θ2 in steady sliding."""
+    w, slider = np.log(velocity / rs.v0), slider_of(rs, Spring(1.0))
+    return tuple(slopes(slider.form, (w, -w, -w), slider[:6])[0].tolist())
+
+
+@checked
+def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
+    """Stability of steady sliding at V: eigenvalues of the linearised equations for ln V and ln θ.
+
+    For the usual law, trace = (V/D_c) [(b − k D_c)/(a + ηV) − 1] and determinant = k V²/[D_c (a + ηV)] > 0; at k = k_c
+    the frequency is (V/D_c) √((b − a − ηV)/(a + ηV)).
+
+    Parameters
+    ----------
+    velocity : V of slider and load point [length/time]
+
+    Examples
+    --------
+    >>> found = steady_sliding(RateState(0.010, 0.015, 1e-5), Spring(400.0), 1e-6)
+    >>> found.stable, print(round(found.growth_rate, 6))
+    0.005
+    (False, None)
+    """
+    check(rs)
+    check_spring(spring)
+    if not (velocity > 0 and np.isfinite(velocity)):
+        raise ValueError(f"velocity must be positive and finite for steady sliding, got {velocity}")
+    w = np.log(velocity / rs.v0)
+    matrix = rates(slider_of(rs, spring), (w, -w, -w), velocity, 1.0)[1].astype(complex)
+    values = np.linalg.eigvals(matrix if rs.b2 > 0 else matrix[:2, :2])
+    critical = critical_stiffness(rs, velocity, spring.damping)
+    growth, frequency = float(values.real.max()), float(np.abs(values.imag).max())
+    stable = spring.stiffness > critical
+    direct, *effects = steady_slopes(rs, velocity)
+    sentence = _sentence(rs, spring, stable, critical, growth, direct + spring.damping * velocity, sum(effects))
+    return Sliding(stable, critical, values, growth, frequency, sentence)
+
+
+def _sentence(rs, spring, stable: bool, critical: float, growth: float, direct: float, evolution: float) -> str:
+    if critical <= 0:
+        name = "b" if rs.b2 == 0 else "b + b2"
+        name += " at this velocity" * bool(np.isfinite([rs.v1, rs.v2]).any())
+        what = "direct effect and damping, " if spring.damping else "direct effect, "
+        return (
+            f"steady sliding is stable with any spring: {name} = {evolution:.4g} does not exceed the {what}{direct:.4g}"
+        )
+    ratio = f"stiffness {spring.stiffness:.4g} is {spring.stiffness / critical:.4g} times the critical {critical:.4g}"
+    if stable:
+        return f"steady sliding is stable: {ratio}; disturbances decay by a factor of e in {-1 / growth:.4g}"
+    return f"steady sliding is unstable: {ratio}; disturbances grow by a factor of e in {1 / max(growth, 1e-300):.4g}"
+
+
+def selfchecks() -> dict[str, Selfcheck]:
+    """Check friction right after a hold, from the slip law with the parameters of Ferdowsi & Rubin 2021."""
+    surface = RateState(a=0.0247, b=0.0178, dc=5.3e-3, mu0=0.4, v0=0.02, law="slip")
+    legs = slide_hold_slide([1.0], velocity=0.02, distance=0.05)
+    history = spring_slider(surface, Spring(200.0), legs, times=np.linspace(0, 5, 51))
+    measured = float(history.friction.min())
+    return {
+        "rate and state, after a hold": Selfcheck(measured, 0.27764026555526716, 1e-6, "tolerance of the integrator")
+    }

@@ -144,7 +144,9 @@ def model_friction(
     v = PLAIN | values
     slider = build_slider(v, law, form)
     start = np.log(v["theta"] * v["v0"] / case.before)
-    trend = v["trend"] * _worn(case.place, v["trend_length"]) + v.get("drift", 0.0) * case.time
+    length = v["trend_length"]  # over which a surface wears in
+    worn = case.place if np.isinf(length) else -length * np.expm1(-case.place / length)
+    trend = v["trend"] * worn + v.get("drift", 0.0) * case.time
     if case.legs is None:
         mean, spans = 0.5 * (case.velocity[1:] + case.velocity[:-1]), np.diff(case.time)
         states = [np.full(len(case.time), start) for _ in range(2)]
@@ -161,11 +163,6 @@ def model_friction(
 def linear_column(case: Prepared, name: str) -> np.ndarray:
     """Factor of mu0, trend or drift at all samples, (T,)."""
     return {"mu0": np.ones(len(case.time)), "trend": case.place, "drift": case.time}[name]
-
-
-def _worn(place: np.ndarray, length: float) -> np.ndarray:
-    """Displacement that multiplies a trend: x, or L (1 − exp(−x/L)), as while a surface wears in."""
-    return place if np.isinf(length) else -length * np.expm1(-place / length)
 
 
 MOST = 4  # largest order
@@ -279,7 +276,15 @@ def find_spikes(case: Prepared) -> np.ndarray:
         return np.zeros(0, int)
     width = 2 * AROUND + 1
     moves = maximum_filter1d(middle, width) - minimum_filter1d(middle, width)
-    return np.flatnonzero(far & (apart > moves) & ~_load_changes(case))
+    if case.legs is None:
+        first = np.flatnonzero(_abrupt(case.velocity)) + 1
+    else:
+        duration, velocity, normal = case.legs
+        changes = _abrupt(velocity) | (np.abs(np.diff(normal)) > STEP)
+        first = np.searchsorted(case.time, np.cumsum(duration)[:-1][changes])
+    for shift in range(BEFORE, AFTER + 1):  # samples at a change of the load or just after it
+        far[np.clip(first + shift, 0, len(far) - 1)] = False
+    return np.flatnonzero(far & (apart > moves))
 
 
 def noise_level(cases: list[Prepared]) -> float:
@@ -304,20 +309,6 @@ def _middle(case: Prepared) -> np.ndarray:
     rows = np.flatnonzero(case.used)
     for run in case.pieces:
         out[rows[run]] = median_filter(case.friction[rows[run]], AROUND, mode="nearest")
-    return out
-
-
-def _load_changes(case: Prepared) -> np.ndarray:
-    """Mask of samples at or just after an abrupt load change, where a true peak may be as narrow as a spike."""
-    out = np.zeros(len(case.time), bool)
-    if case.legs is None:
-        first = np.flatnonzero(_abrupt(case.velocity)) + 1
-    else:
-        duration, velocity, normal = case.legs
-        changes = _abrupt(velocity) | (np.abs(np.diff(normal)) > STEP)
-        first = np.searchsorted(case.time, np.cumsum(duration)[:-1][changes])
-    for shift in range(BEFORE, AFTER + 1):
-        out[np.clip(first + shift, 0, len(out) - 1)] = True
     return out
 
 

@@ -133,7 +133,16 @@ def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict, report: 
     """
     samples = sum(int(case.used.sum()) for case in cases)
     fixed = fixed | {name: value for name, value in PLAIN.items() if name in free}
-    grid = {name: _grid(name, cases) if name in free else (fixed[name],) for name in ("a", "dc", "stiffness")}
+    grid = {name: (fixed[name],) for name in ("a", "dc", "stiffness") if name not in free}
+    if "a" in free:
+        effect = _direct_effect(cases)
+        grid["a"] = [effect * size for size in SIZES]
+    if "dc" in free:
+        longest = _slip_length(cases)
+        grid["dc"] = (*np.geomspace(longest / 300, longest, LENGTHS), BEYOND * longest)
+    if "stiffness" in free:
+        slope = _steepest_slope(cases)
+        grid["stiffness"] = [slope * factor for factor in STIFFNESSES]
     grid["b/a"] = RATIOS if "b" in free else (None,)
     points, nodes = [], list(product(*(grid[name] for name in ("a", "dc", "stiffness", "b/a"))))
     for number, (a, length, k, ratio) in enumerate(nodes, start=1):
@@ -181,15 +190,6 @@ def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
         linear.append(coefficients)
         cost += float(rest @ rest)
     return cost, linear
-
-
-def _grid(name: str, cases) -> tuple[float, ...]:
-    if name == "a":
-        return tuple(_direct_effect(cases) * size for size in SIZES)
-    if name == "dc":
-        longest = _slip_length(cases)
-        return (*np.geomspace(longest / 300, longest, LENGTHS), BEYOND * longest)
-    return tuple(_steepest_slope(cases) * factor for factor in STIFFNESSES)
 
 
 def _direct_effect(cases) -> float:

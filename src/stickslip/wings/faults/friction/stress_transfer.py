@@ -166,8 +166,12 @@ def stress_transfer(
     columns, most = size // rows, max(rows, size // rows)
     phase = 0.5j * np.pi / size * np.arange(size)
     order = (_reversed_bits(rows) + rows * _reversed_bits(columns)[:, None]).ravel()
-    if boundary == "periodic":
-        kernel = _periodic(number, cell, modulus, thickness)
+    if boundary == "periodic":  # stress due to unit slip of every Nth cell of a fault between plates
+        k = 2 * np.pi * np.arange(number // 2 + 1) / (number * cell)
+        rest = np.divide(1.0, thickness)  # limit of k coth(kW) for k → 0
+        with np.errstate(invalid="ignore"):
+            symbol = np.where(k > 0, k / np.tanh(np.where(k > 0, k * thickness, 1.0)), rest)
+        kernel = -0.5 * modulus * fft.irfft(symbol, number)
     else:
         kernel = _influence(np.arange(2 * number), cell, modulus)
     ahead = np.where(np.arange(number) > 0, 2.0, 1.0) * kernel[:number]  # lags of both signs
@@ -195,15 +199,6 @@ def _reversed_bits(number: int) -> np.ndarray:
     while len(order) < number:
         order = np.concatenate([2 * order, 2 * order + 1])
     return order
-
-
-def _periodic(number: int, cell: float, modulus: float, thickness: float) -> np.ndarray:
-    """Stress by lag (N,) due to unit slip of every Nth cell of a fault between plates."""
-    k = 2 * np.pi * np.arange(number // 2 + 1) / (number * cell)
-    rest = np.divide(1.0, thickness)  # limit of k coth(kW) for k → 0
-    with np.errstate(invalid="ignore"):
-        symbol = np.where(k > 0, k / np.tanh(np.where(k > 0, k * thickness, 1.0)), rest)
-    return -0.5 * modulus * fft.irfft(symbol, number)
 
 
 def image_nodes(number: int, dip: float) -> int:

@@ -28,10 +28,9 @@ from ....kit import (
     write_file,
 )
 from ..friction.fitting import Fit, Solution, build_fit, solve_fit
+from ..friction.inference import PERCENTS, LawComparison, Posterior, compare_laws, gain_by, posterior, stiffness_doubt
 from ..friction.laboratory import LabRecord, read_record, record_columns, record_data
 from ..friction.model import Data
-from ..friction.model_comparison import LawComparison, compare_laws, gain_by, stiffness_doubt
-from ..friction.sampling import PERCENTS, Posterior, posterior
 from . import figures as figures
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
@@ -174,43 +173,29 @@ def check_folder(out: Path, overwrite: bool) -> None:
         raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
 
 
+FIELDS = (  # of a fit, in the JSON object
+    "values", "errors", "intervals", "names", "form", "fixed", "identifiable", "sentence", "sigma", "effective",
+    "adequate", "reduced", "aic", "bic",
+)  # fmt: skip
+
+
 def as_json(result: RecordFits) -> str:
     """Return one JSON object with the documented keys; unknown values are null."""
-    out = {"file": result.file.name, "units": "m, s", "fits": {fit.law: _fit_dict(fit) for fit in result.fits}}
+    fits = {}
+    for fit in result.fits:
+        fits[fit.law] = {name: getattr(fit, name) for name in FIELDS} | {"covariance": fit.covariance.tolist()}
+        fits[fit.law] |= {"noise": fit.noise.tolist(), "samples": fit.samples, "a_minus_b": fit.difference}
+    out = {"file": result.file.name, "units": "m, s", "fits": fits}
     if result.comparison is not None:
         out["comparison"] = result.comparison._asdict()
     if result.posterior is not None:
-        out["posterior"] = _posterior_dict(result.posterior)
+        found = result.posterior
+        percentiles = {k: dict(zip(map(str, PERCENTS), row, strict=True)) for k, row in found.percentiles.items()}
+        chain = {"autocorrelation_times": found.times, "steps": found.steps, "acceptance": found.acceptance}
+        out["posterior"] = {"law": found.fit.law, "percentiles": percentiles, "draws": len(found.draws), **chain}
     out["doubts"] = doubts(result)
     out["met"] = known.with_keys(result.met or {})
     return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
-
-
-def _posterior_dict(result: Posterior) -> dict:
-    percentiles = {name: dict(zip(map(str, PERCENTS), row, strict=True)) for name, row in result.percentiles.items()}
-    chain = {"autocorrelation_times": result.times, "steps": result.steps, "acceptance": result.acceptance}
-    return {"law": result.fit.law, "percentiles": percentiles, "draws": len(result.draws), **chain}
-
-
-def _fit_dict(fit: Fit) -> dict:
-    names = (
-        "values",
-        "errors",
-        "intervals",
-        "names",
-        "form",
-        "fixed",
-        "identifiable",
-        "sentence",
-        "sigma",
-        "effective",
-        "adequate",
-        "reduced",
-        "aic",
-        "bic",
-    )
-    more = {"covariance": fit.covariance.tolist(), "noise": fit.noise.tolist(), "samples": fit.samples}
-    return {name: getattr(fit, name) for name in names} | more | {"a_minus_b": fit.difference}
 
 
 def _replace_nonfinite(thing):
@@ -244,8 +229,18 @@ def show(result: RecordFits) -> None:
         if not (fit.identifiable and fit.adequate):
             console.print(f"  {fit.sentence}", style="yellow")
         console.print()
-    if result.posterior is not None:
-        _show_posterior(result.posterior)
+    if (found := result.posterior) is not None:
+        names = ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit")
+        table = new_table(*names, title=f"Posterior, {found.fit.law} law", left=("parameter", "unit"))
+        for name in found.names:
+            table.add_row(name, *(f"{value:.4g}" for value in found.percentiles[name]), UNITS.get(name, ""))
+        show_table(table)
+        slowest = max(found.times.values())
+        console.print(
+            f"  {len(found.draws)} draws; the chain is {found.steps / slowest:.0f} autocorrelation times long "
+            f"(τ = {slowest:.1f} steps, acceptance {found.acceptance:.2f})"
+        )
+        console.print()
     for sentence in doubts(result):
         console.print(sentence, style="yellow")
     if result.comparison is not None:
@@ -260,20 +255,6 @@ def _trade_offs(fit: Fit) -> str:
     row = (fit.covariance / np.outer(size, size))[fit.names.index("stiffness")]
     pairs = [(name, r) for name, r in zip(fit.names, row, strict=True) if name != "stiffness" and np.isfinite(r)]
     return f"correlation of the stiffness with {', '.join(f'{name} {r:+.2f}' for name, r in pairs)}" if pairs else ""
-
-
-def _show_posterior(result: Posterior) -> None:
-    names = ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit")
-    table = new_table(*names, title=f"Posterior, {result.fit.law} law", left=("parameter", "unit"))
-    for name in result.names:
-        table.add_row(name, *(f"{value:.4g}" for value in result.percentiles[name]), UNITS.get(name, ""))
-    show_table(table)
-    slowest = max(result.times.values())
-    console.print(
-        f"  {len(result.draws)} draws; the chain is {result.steps / slowest:.0f} autocorrelation times long "
-        f"(τ = {slowest:.1f} steps, acceptance {result.acceptance:.2f})"
-    )
-    console.print()
 
 
 def doubts(result: RecordFits) -> list[str]:
@@ -316,7 +297,11 @@ def write(out: Path, result: RecordFits, look: Look = PLAIN) -> list[Path]:
     out.mkdir(parents=True, exist_ok=True)
     contents = render_all(FIGURE, figures.fitted(result.data, result.fits), look)
     if (sampled := result.posterior) is not None:
-        contents[DRAWS] = _draws_csv(result.file, sampled).encode()
+        law, form, known_values = sampled.fit.law, sampled.fit.form, sampled.fit.fixed.items()
+        fixed = ", ".join(f"{name} = {value:.6g}" for name, value in known_values)
+        notes = f"draws from the posterior of {result.file.name}, {law} law, {form} form", f"fixed: {fixed}"
+        labels = [heading_of(name, UNITS.get(name, "1")) for name in sampled.names]
+        contents[DRAWS] = format_table(labels, sampled.draws, digits=8, comments=notes).encode()
         contents |= render_all(CORNER, figures.corner(sampled.columns, sampled.fit.intervals, UNITS), look)
     for name in FILES:
         if name not in (NUMBERS, *contents):
@@ -325,11 +310,3 @@ def write(out: Path, result: RecordFits, look: Look = PLAIN) -> list[Path]:
         write_file(out, name, data)
     write_file(out, NUMBERS, f"{as_json(result)}\n".encode())  # last, as it marks the fit as complete
     return [out / name for name in (NUMBERS, *contents)]
-
-
-def _draws_csv(file: Path, result: Posterior) -> str:
-    """Return draws as CSV text with units, which `stickslip run` reads as `draws` of a sweep."""
-    fixed = ", ".join(f"{name} = {value:.6g}" for name, value in result.fit.fixed.items())
-    notes = f"draws from the posterior of {file.name}, {result.fit.law} law, {result.fit.form} form", f"fixed: {fixed}"
-    labels = [heading_of(name, UNITS.get(name, "1")) for name in result.names]
-    return format_table(labels, result.draws, digits=8, comments=notes)

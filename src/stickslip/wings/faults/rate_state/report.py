@@ -8,7 +8,7 @@ import numpy as np
 
 from ....kit import Comparison, Measures, Quantity, SweepMember, archive, archive_fields, console, new_table, show_table
 from ..friction.laboratory import LabRecord, passing_velocity, recurrence, repeated_slip, write_csv
-from ..friction.ratestate import steady_friction
+from ..friction.laws import steady_friction
 from . import figures as figures_of
 from .simulate import SliderResult
 
@@ -89,11 +89,6 @@ def _cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
     return repeated_slip(time, passing_velocity(time, slip, velocity), slip, since)
 
 
-def _moving_velocity(result: SliderResult) -> float:
-    """Velocity of the last moving leg."""
-    return [leg.velocity for leg in result.legs if leg.velocity > 0][-1]
-
-
 def _recurrence(result: SliderResult) -> float | None:
     """Recurrence time from at least three events; None with fewer."""
     h = result.history
@@ -107,7 +102,8 @@ MEASURES = Measures([
     Quantity("least_friction", "1", "smallest friction", lambda r: r.history.friction.min()),
     Quantity("greatest_friction", "1", "greatest friction", lambda r: r.history.friction.max()),
     Quantity("steady_friction", "1", "steady friction at the velocity of the last moving leg",
-             lambda r: float(steady_friction(r.scenario.surface.rate_state, _moving_velocity(r)))),
+             lambda r: float(steady_friction(
+                 r.scenario.surface.rate_state, [leg.velocity for leg in r.legs if leg.velocity > 0][-1]))),
     Quantity("critical_stiffness", "1/m", "stiffness below which sliding is unstable; 0: none",
              lambda r: max(r.sliding[-1].critical, 0.0)),
     Quantity("growth_rate", "1/s", "growth rate of a small disturbance", lambda r: r.sliding[-1].growth_rate),

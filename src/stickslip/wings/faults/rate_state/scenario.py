@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from ....kit import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Size
-from ..friction.ratestate import RateState
+from ..friction.laws import RateState
 
 
 class Surface(ScenarioTable):

@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ....kit import Report, checked, result_of, silent
+from ..friction.laws import Sliding, SlipHistory, Spring, spring_slider, steady_sliding
 from ..friction.loads import LoadStep
-from ..friction.ratestate import SlipHistory, Spring, spring_slider
-from ..friction.stability import Sliding, steady_sliding
 from . import EXPERIMENT
 from .scenario import RateStateScenario
 
@@ -36,19 +35,13 @@ def simulate_slider(
     sliding = tuple(steady_sliding(surface, spring, leg.velocity) for leg in legs if leg.velocity > 0)
     rate = f"stiffness {spring.stiffness:g}, growth rate {max(regime.growth_rate for regime in sliding):.2e}"
     report("slider", 0.0, f"{len(legs)} legs of the load point, {rate}")
-    history = spring_slider(surface, spring, legs, times=_sample_times(legs, scenario.samples.number))
+    few = scenario.samples.number // 3  # samples of each leg that are evenly spaced in ln t; the others are in t
+    share = np.r_[np.geomspace(EARLIEST, 1.0, few), np.linspace(0, 1, scenario.samples.number - few + 1)[1:]]
+    ends = np.cumsum([leg.duration for leg in legs])
+    times = [end - leg.duration * (1 - np.unique(share)) for end, leg in zip(ends, legs, strict=True)]
+    history = spring_slider(surface, spring, legs, times=np.unique(np.r_[0.0, np.concatenate(times)]))
     report("slider", 1.0, f"{rate}, friction {history.friction[-1]:.4f} at {history.velocity[-1]:.1e} m/s")
     return SliderResult(scenario, legs, history, history.friction + _noise(scenario, len(history.time)), sliding)
-
-
-def _sample_times(legs, number: int) -> np.ndarray:
-    """Return sample times: in each leg, a third evenly spaced in ln t, the rest in t, including the leg's end."""
-    few = number // 3
-    share = np.unique(np.r_[np.geomspace(EARLIEST, 1.0, few), np.linspace(0, 1, number - few + 1)[1:]])
-    ends = np.cumsum([leg.duration for leg in legs])
-    return np.unique(
-        np.r_[0.0, np.concatenate([e - g.duration * (1 - share) for e, g in zip(ends, legs, strict=True)])]
-    )
 
 
 def _noise(scenario: RateStateScenario, number: int) -> np.ndarray:

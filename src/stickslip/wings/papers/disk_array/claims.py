@@ -205,10 +205,18 @@ def _growing(main: DiskArrayResult) -> Claim:
 
 
 def _mode_claims(main: DiskArrayResult) -> list[Claim]:
+    """Claims about the mode along y, and the paper's explanation of the backward front by it and its wavelength."""
     modes = point_at_load(main.path, MODE_LOAD).spectrum
     k, shares = y_mode(modes), modes.shares()
     others = f"x {shares[k, 0]:.1%}, rotation {shares[k, 5]:.1%}, at F_x = {MODE_LOAD}"
     press = main.scenario.load.press * main.scenario.load.unit
+    wave, power = wave_power(modes)
+    best = int(np.argmax(power[-1] * shares[:, 1]))
+    strongest, speed = float(wave[np.argmax(power[:, k])]), modes.frequency / wave[-1]
+    counts = {f"{p.load:g}": int((p.spectrum.shares()[:, 1] > PURE).sum()) for p in main.path[:: len(main.path) // 8]}
+    parts = ", ".join(f"{share:.2f} at {q:.2f}" for q, share in zip(wave, power[:, k], strict=True))
+    with np.errstate(divide="ignore"):
+        measured = float(np.divide(modes.frequency[k], strongest))
     return [
         claim("y-mode-share", 'Fig 6: "no projection on either longitudinal or angular degrees of freedom"', 1.0,
               float(shares[k, 1]), "fraction", TOLERANCE["share"], others, error=0.0),
@@ -218,28 +226,13 @@ def _mode_claims(main: DiskArrayResult) -> list[Claim]:
               float(main.pressed_spectrum.frequency[y_mode(main.pressed_spectrum)]), UNIT, TOLERANCE["closed form"],
               "checks the units", error=0.0, reference=float(np.sqrt(1.5 * press ** (1 / 3))),
               reference_source="closed form sqrt(1.5 sqrt(δ_w)), δ_w = (F_y/k_n)^(2/3)"),
-    ]  # fmt: skip
-
-
-def _wave_claims(main: DiskArrayResult) -> list[Claim]:
-    """Claims about the paper's explanation of the backward front: one pure y mode of wavelength 2, and its speed."""
-    modes = point_at_load(main.path, MODE_LOAD).spectrum
-    pure, k = modes.shares()[:, 1] > PURE, y_mode(modes)
-    wave, power = wave_power(modes)
-    best = int(np.argmax(power[-1] * modes.shares()[:, 1]))
-    strongest, speed = float(wave[np.argmax(power[:, k])]), modes.frequency / wave[-1]
-    counts = {f"{p.load:g}": int((p.spectrum.shares()[:, 1] > PURE).sum()) for p in main.path[:: len(main.path) // 8]}
-    shares = ", ".join(f"{share:.2f} at {q:.2f}" for q, share in zip(wave, power[:, k], strict=True))
-    with np.errstate(divide="ignore"):
-        measured = float(np.divide(modes.frequency[k], strongest))
-    return [
         claim("pure-y-modes", 'Fig 6: "one identifies only one which consists of a pure y transverse wave"', 1,
-              int(pure.sum()), "modes", TOLERANCE["pairs"],
+              int((shares[:, 1] > PURE).sum()), "modes", TOLERANCE["pairs"],
               f"modes with more than {PURE:.0%} in y at F_x = {MODE_LOAD}; along the push: "
               f"{', '.join(f'{n} at {load}' for load, n in counts.items())}", error=0.0),
         claim("y-mode-wave-number", 'Fig 6: "a wavelength of approximately 2. Thus the associated k vector is k ≈ π"',
               float(np.pi), strongest, "1/length", TOLERANCE["wave number"],
-              f"strongest Fourier component of y in the mode with most power in y; by wavenumber: {shares}", error=0.0),
+              f"strongest Fourier component of y in the mode with most power in y; by wavenumber: {parts}", error=0.0),
         claim("y-wave-speed", 'Fig 6: "determining a velocity V_2 ≈ 0.235/π ≈ 0.075"', 0.075, measured, "length/time",
               TOLERANCE["front"],
               f"frequency over wave number of the same mode; the mode with most power at wavelength 2, "
@@ -267,10 +260,10 @@ def evaluate_claims(
     ramps = run_realizations(_spectrum_claims, tasks, stage="claims", workers=workers, report=report)
     printed_spectra, quarter_spectra = ramps.complete
     printed = printed_spectra + [_growth(main, load) for load in GROWTH_LOADS] + [_stability(main, "")]
-    printed += [*(_saturation(main, load) for load in (0.030, 0.040)), _sliding_onset(main)]
+    printed += _free_run_claims(main)
     printed += [row for arrest in arrests for row in _arrest_claims(arrest)] + _threshold_claims(threshold)
     printed += [*evaluate_fronts(main), _variants(), *_births(main), _coalescence(main), _growing(main)]
-    printed += [*_mode_claims(main), *_wave_claims(main), *evaluate_motion(main, arrests)]
+    printed += [*_mode_claims(main), *evaluate_motion(main, arrests)]
     return [
         *printed, *quarter_spectra, _stability(quarter, suffix), *backward_claims(quarter, suffix),
         *sliding_claims(quarter, suffix),
@@ -286,7 +279,17 @@ def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report: 
     paths[step] = result.path
     windows = {s: stable_window(path, near, protocol) for s, path in paths.items()}
     births = {s: late_birth(path, protocol) for s, path in paths.items()}
-    out = [_pair_count(result, load, suffix) for load in (0.030, 0.040, STABLE_LOAD)]
+    out = []
+    for load in (0.030, 0.040, STABLE_LOAD):
+        modes = point_at_load(result.path, load).spectrum
+        said = '"for ... F_x = 0.03 and 0.04 the oscillatory instability exists", one pair in the figure'
+        if load == STABLE_LOAD:
+            said = '"for F_x = 0.062 all the eigenvalues of J are real"'
+        note = "Im lambda " + (", ".join(f"{v:.2e}" for v in modes.pairs.imag) or "zero throughout")
+        out.append(claim(
+            f"pairs-at-{load:.3f}{suffix}", f"Fig 2: {said}", 0 if load == STABLE_LOAD else 1, len(modes.pairs),
+            "pairs", TOLERANCE["pairs"], note, error=0.0,
+        ))  # fmt: skip
     out.append(claim(
         f"stable-window{suffix}", "Fig 2: range without pairs; its ends are not printed", None, windows[step] or [],
         "F_x", TOLERANCE["window"], f"for each load step of the ramp: {_format_by_step(windows)}",
@@ -299,7 +302,16 @@ def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report: 
         f"bisected to 1e-6 from one state; for each load step of the ramp: {_format_by_step(births)}",
         error=_sensitivity(births[step], births[COARSER[-1]]),
     ))  # fmt: skip
-    out += [_im_lambda(load, result, paths[COARSER[-1]], births[step], suffix) for load in IM_LAMBDA]
+    for load, paper in IM_LAMBDA.items():
+        modes, other = (point_at_load(path, load).spectrum for path in (result.path, paths[COARSER[-1]]))
+        note = pluralize(len(modes.pairs), "pair")
+        if born := births[step]:
+            note += f"; {load - born:.5f} above the birth, from which Im lambda rises as a square root"
+        out.append(claim(
+            f"im-lambda-{load:.3f}{suffix}", 'Fig 2: text before Eq 10, "0.00024, 0.00077 and 0.001 respectively"',
+            paper, float(modes.im_lambda.max()), "k_n (2R)^1/2/m", TOLERANCE["im-lambda"], note,
+            error=abs(modes.im_lambda.max() - other.im_lambda.max()),
+        ))  # fmt: skip
     return out
 
 
@@ -313,30 +325,6 @@ def _format_by_step(values: dict) -> str:
         return "none" if value is None else "–".join(f"{v:.6f}" for v in np.ravel(value))
 
     return ", ".join(f"{step:g}: {text(value)}" for step, value in values.items())
-
-
-def _pair_count(result: DiskArrayResult, load: float, suffix: str) -> Claim:
-    modes = point_at_load(result.path, load).spectrum
-    said = '"for ... F_x = 0.03 and 0.04 the oscillatory instability exists", one pair in the figure'
-    if load == STABLE_LOAD:
-        said = '"for F_x = 0.062 all the eigenvalues of J are real"'
-    note = "Im lambda " + (", ".join(f"{v:.2e}" for v in modes.pairs.imag) or "zero throughout")
-    return claim(
-        f"pairs-at-{load:.3f}{suffix}", f"Fig 2: {said}", 0 if load == STABLE_LOAD else 1, len(modes.pairs), "pairs",
-        TOLERANCE["pairs"], note, error=0.0,
-    )  # fmt: skip
-
-
-def _im_lambda(load: float, result: DiskArrayResult, coarse, born: float | None, suffix: str) -> Claim:
-    modes, other = point_at_load(result.path, load).spectrum, point_at_load(coarse, load).spectrum
-    note = pluralize(len(modes.pairs), "pair")
-    if born:
-        note += f"; {load - born:.5f} above the birth, from which Im lambda rises as a square root"
-    return claim(
-        f"im-lambda-{load:.3f}{suffix}", 'Fig 2: text before Eq 10, "0.00024, 0.00077 and 0.001 respectively"',
-        IM_LAMBDA[load], float(modes.im_lambda.max()), "k_n (2R)^1/2/m", TOLERANCE["im-lambda"], note,
-        error=abs(modes.im_lambda.max() - other.im_lambda.max()),
-    )  # fmt: skip
 
 
 def _growth(main: DiskArrayResult, load: float) -> Claim:
@@ -370,19 +358,18 @@ def _stability(result: DiskArrayResult, suffix: str) -> Claim:
     )  # fmt: skip
 
 
-def _saturation(main: DiskArrayResult, load: float) -> Claim:
-    free = main.free_runs[load]
-    wall = "a wall contact reaches" if np.isfinite(free.breach).any() else "no wall contact reaches"
-    return claim(
-        f"msd-saturation-{load:.3f}",
-        'Fig 3: "the MSD becomes stationary at a minute fraction the disk radius (about 10^-5)"', 1e-5,
-        free.saturation, "(2R)^2", TOLERANCE["saturation"],
-        f"{wall} the Coulomb limit; error from block averages of one run",
-        error=saturation_error(free),
-    )  # fmt: skip
-
-
-def _sliding_onset(main: DiskArrayResult) -> Claim:
+def _free_run_claims(main: DiskArrayResult) -> list[Claim]:
+    """Claims about the saturation of M, and the onset of sliding."""
+    out = []
+    for load in (0.030, 0.040):
+        free = main.free_runs[load]
+        wall = "a wall contact reaches" if np.isfinite(free.breach).any() else "no wall contact reaches"
+        out.append(claim(
+            f"msd-saturation-{load:.3f}",
+            'Fig 3: "the MSD becomes stationary at a minute fraction the disk radius (about 10^-5)"', 1e-5,
+            free.saturation, "(2R)^2", TOLERANCE["saturation"],
+            f"{wall} the Coulomb limit; error from block averages of one run", error=saturation_error(free),
+        ))  # fmt: skip
     free = main.free_runs[0.083]
     note = "no contact reaches the Coulomb limit"
     if np.isfinite(free.breach).any():
@@ -392,7 +379,7 @@ def _sliding_onset(main: DiskArrayResult) -> Claim:
             f"contact {i + 1:.0f}–{j + 1:.0f} is the first at the limit; disk {first} is the first among wall contacts"
         )
     said = 'Fig 3: at 0.083 "the oscillatory instability triggers the transition", "the Coulomb law is breached"'
-    return statement("sliding-0.083", said, free.slid, note)
+    return [*out, statement("sliding-0.083", said, free.slid, note)]
 
 
 def _arrest_claims(arrest: Arrest) -> list[Claim]:

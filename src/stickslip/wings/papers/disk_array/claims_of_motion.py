@@ -72,10 +72,23 @@ MUCH = 10.0  # "much faster": the paper's numbers differ by a factor of 27 to 54
 def evaluate_fronts(main: DiskArrayResult) -> list[Claim]:
     """Evaluate the statements for the main scenario."""
     forward = {load: forward_front(main, ensemble) for load, ensemble in main.sliding.items()}
+    ratios = {load: halves_ratio(front) for load, front in forward.items() if front}
+    speeds = []
+    for load, paper in V1.items():
+        front, said = forward[load], 'Fig 5: "0.0014 ± 0.00013, 0.0022 ± 0.00015 and 0.0028 ± 8e-5"'
+        note = _count_realizations(front, main, [load]) if front else ""
+        speeds += _speed_claims(f"forward-front-speed-{load:.3f}", "", said, paper, front, note)
     return [
-        *_front_claims(main, forward), *_ratio_claims(main), *_starts(main),
-        _order({load: forward[load] for load in FRONT_LOADS}), _linear(forward), *_dependences(main, forward),
-        _drift(main),
+        *speeds, *backward_claims(main, ""), *_ratio_claims(main), *_starts(main),
+        _order({load: forward[load] for load in FRONT_LOADS}),
+        claim(
+            "forward-front-linear", 'Fig 5: Eq 9, "V_1(F_x) × (τ_i − τ_1) ≈ x_i"', 1.0,
+            float(np.mean(list(ratios.values()))) if ratios else None, "1", TOLERANCE["front"],
+            f"speed in the first half of the row over that in the second, mean over loads: "
+            f"{', '.join(f'{ratio:.2f} at {load:g}' for load, ratio in ratios.items())}; it is negative where the last "
+            f"disk is reached before those in the middle", error=standard_error(list(ratios.values())),
+        ),
+        *_dependences(main, forward), _drift(main),
     ]  # fmt: skip
 
 
@@ -99,16 +112,6 @@ def _speed_claims(name: str, suffix: str, source: str, paper: float, front: Fron
               f"fitted with a free intercept; {other}; the paper does not state its choice; {note}",
               error=front.free_error),
     ]  # fmt: skip
-
-
-def _front_claims(main: DiskArrayResult, forward: dict[float, Front | None]) -> list[Claim]:
-    out = []
-    for load, paper in V1.items():
-        front = forward[load]
-        said = 'Fig 5: "0.0014 ± 0.00013, 0.0022 ± 0.00015 and 0.0028 ± 8e-5"'
-        note = _count_realizations(front, main, [load]) if front else ""
-        out += _speed_claims(f"forward-front-speed-{load:.3f}", "", said, paper, front, note)
-    return [*out, *backward_claims(main, "")]
 
 
 def _ratio_claims(main: DiskArrayResult) -> list[Claim]:
@@ -195,19 +198,6 @@ def halves_ratio(front: Front) -> float:
     """Speed of a front in the first half of its way over that in the second half."""
     k, d, t = len(front.delay) // 2, front.distance, front.delay
     return float(d[k] / t[k] * (t[-1] - t[k]) / (d[-1] - d[k]))
-
-
-def _linear(forward: dict[float, Front | None]) -> Claim:
-    """Claim that the speed of the forward front is constant along the row."""
-    ratios = {load: halves_ratio(front) for load, front in forward.items() if front}
-    return claim(
-        "forward-front-linear", 'Fig 5: Eq 9, "V_1(F_x) × (τ_i − τ_1) ≈ x_i"', 1.0,
-        float(np.mean(list(ratios.values()))) if ratios else None, "1", TOLERANCE["front"],
-        f"speed in the first half of the row over that in the second, mean over loads: "
-        f"{', '.join(f'{ratio:.2f} at {load:g}' for load, ratio in ratios.items())}; it is negative where the last "
-        f"disk is reached before those in the middle",
-        error=standard_error(list(ratios.values())),
-    )  # fmt: skip
 
 
 def _dependences(main: DiskArrayResult, forward: dict[float, Front | None]) -> list[Claim]:

@@ -127,12 +127,6 @@ def _numbers(result: DiskArrayResult) -> dict:
     }
 
 
-def _shift(pair: Made) -> float:
-    if not pair.birth or not len(pair.coarse):
-        return NAN
-    return max(np.abs(pair.coarse - pair.birth.load).min(), abs(pair.birth.above - pair.birth.below))
-
-
 def _births(result: DiskArrayResult) -> list[float]:
     return [family.birth.load for family in result.families if family.birth]
 
@@ -144,7 +138,9 @@ def _velocity(ensemble) -> Estimate:
 NAN = float("nan")
 PAIR = Quantities([
     Quantity("born at", "1", "push of its birth", lambda pair: f"{pair.birth.load:.6g}" if pair.birth else "the start"),
-    Quantity("± by load step", "1", "distance to the nearest birth with twice the load step", _shift),
+    Quantity("± by load step", "1", "distance to the nearest birth with twice the load step", lambda pair:
+             max(np.abs(pair.coarse - pair.birth.load).min(), abs(pair.birth.above - pair.birth.below))
+             if pair.birth and len(pair.coarse) else NAN),
     Quantity("dies at", "1", "push of its death", lambda pair: f"{pair.death.load:.6g}" if pair.death else "lives"),
     Quantity("largest Im λ", "1/time^2", "largest Im λ along the path", lambda pair: pair.eigenvalues.imag.max()),
     Quantity("at push", "1", "push there", lambda pair: pair.loads[pair.eigenvalues.imag.argmax()]),

@@ -11,10 +11,10 @@ from scipy.special import chdtri
 from ....kit import Claim, claim, pluralize, statement
 from ....laws import collision, elastic_constants, hertz_mindlin_reff
 from ...faults.friction.fitting import Fit, fit
+from ...faults.friction.inference import LawComparison, compare_laws
+from ...faults.friction.laws import RateState, Spring, spring_slider
 from ...faults.friction.loads import LoadStep
 from ...faults.friction.model import Data
-from ...faults.friction.model_comparison import LawComparison, compare_laws
-from ...faults.friction.ratestate import RateState, Spring, spring_slider
 from . import measures
 from .sample import INERTIAL, damping, inertial_numbers, normalised_hold, stiffness
 from .scenario import GougeScenario
@@ -84,21 +84,30 @@ UNDEFINED = (
 
 
 def _peaks(result: GougeResult | None) -> list[Claim]:
-    """Claims about the peak at V_r = V_i, the collapse of normalised peaks, and a slope of peaks below b."""
+    """Claims about peaks after holds: their slope, the peak at V_r = V_i, the collapse, and a slope below b."""
+    ratio = "peak-vs-velocity-ratio", "Fig S2: inset of panel a, slope = 0.0155", PEAK_SLOPE
     paper, where = COLLAPSE * PEAK_SLOPE, "Fig S2: panel b and inset, C ≈ 5 times the slope 0.0155"
     collapse = "Fig S2: caption, (μ − μ_ss)/(C + ln(V_r/V_i)) with C ≈ 5"
     below = "Fig S2: inset of panel a, slope 0.0155 < b = 0.0178"
     if result is None:
         return [
+            claim(*ratio, None, "1", TOLERANCE["rate and state"], FULL),
             claim("peak-at-equal-velocities", where, paper, None, "1", PEAK, FULL),
             statement("collapse-of-peaks", collapse, None, FULL),
             statement("slope-below-b", below, None, FULL),
         ]
     before = measures.holds(result)[0]
-    _, after, peaks, _ = reslides_after_longest(result, before)
+    _, after, peaks, hold = reslides_after_longest(result, before)
     x = np.log(after / before)
     first, rate, off = peaks[int(np.argmin(np.abs(x)))], slope(x, peaks), collapse_defect(x, peaks)
+    listed = "; ".join(f"{_interval(p)} at V_r/V_i = {r:.3g}" for r, p in zip(after / before, peaks, strict=True))
     return [
+        claim(
+            *ratio, rate.value, "1", TOLERANCE["rate and state"],
+            f"peak after elastic reloading minus steady friction, per e-fold of the ratio: {_interval(rate)}; "
+            f"{listed}; after holds of {hold:g} s at V_i = {before:g} m/s; {UNDEFINED}; {_scale_note(result)}",
+            error=rate.half / 2,
+        ),
         claim(
             "peak-at-equal-velocities", where, paper, None, "1", PEAK,
             "t̄ = V_i t/D_c, 437 s, is the only definition for which the printed peak lies between the laws: see "
@@ -260,10 +269,9 @@ def evaluate_claims(holds: dict[str, GougeResult], more: dict[str, GougeResult])
     main = next(iter(holds.values()))
     steps = more.get("steps")
     return [
-        *_relaxation(main), _compaction(main), _healing(main), _reslide_peaks(more.get("reslides")),
-        *_peaks(more.get("reslides")), _time_step(main.scenario), _definitions(main.scenario), *_law_of_holds(main),
-        *_rate_state_fit(steps), _symmetry(steps), _restitution(holds), *_collisions(holds),
-        _steady_friction(main, more), _temperature(main, steps), _quasi_static(main), _energies(main),
+        *_relaxation(main), _healing(main), *_peaks(more.get("reslides")), _time_step(main.scenario),
+        _definitions(main.scenario), *_law_of_holds(main), *_rate_state_fit(steps), _symmetry(steps),
+        _restitution(holds), *_collisions(holds), *_steady_sliding(main, more), *_energies(main),
     ]  # fmt: skip
 
 
@@ -292,13 +300,8 @@ def _statement(id: str, source: str, measured: bool | None, note: str, study: st
     return claim(id, source, None, measured, "", 0.0, note, reference=True, reference_source=study)
 
 
-def _missing_claim(id: str, source: str, paper, unit: str, tolerance: float, note: str, **more) -> Claim:
-    """Make a claim without its measurement, which needs a full run."""
-    return claim(id, source, paper, None, unit, tolerance, f"{note}: part of stickslip reproduce gouge --full", **more)
-
-
 def _relaxation(main: GougeResult) -> list[Claim]:
-    """Claims about friction in the longest hold: its slope against the logarithm of time, and its change at the end."""
+    """Claims about the longest hold: friction against the logarithm of time and at the end, and compaction."""
     before = measures.holds(main)[-1]
     curve = measures.hold_curve(main, before)
     last = float(curve.x[-1])
@@ -306,6 +309,9 @@ def _relaxation(main: GougeResult) -> list[Claim]:
     expected = predict_per_efold(main, before, curve.x, "slip")
     laws = {law: float(change[-1]) for law, (_, change) in predict_hold(main, before, curve.x).items()}
     points = ", ".join(f"{_interval(curve.at(t))} after {t:g} s" for t in (1e-2, 1e-1, 1.0) if t <= last * 1.01)
+    thickness = measures.hold_curve(main, before, "thickness")
+    lost = thickness._replace(rows=-thickness.rows / main.scenario.grains.mean)
+    loss = measures.per_efold(lost)
     return [
         claim(
             "hold-relaxation-per-e-fold", "Fig S1: curves; no number is printed", None, rate.value, "1",
@@ -322,20 +328,13 @@ def _relaxation(main: GougeResult) -> list[Claim]:
             f"{laws['aging']:.4f}; {_scale_note(main)}",
             error=end.half / 2, reference=laws["slip"], reference_source=LAW,
         ),
+        _statement(
+            "compaction-in-holds", "Text: not in the supplement",
+            bool(loss.value > 0) if abs(loss.value) > loss.half else None,  # whether the interval contains zero
+            f"thickness lost per e-fold of hold time: {_interval(loss)} D, {_error_note(loss)}; "
+            f"{_interval(lost.at(lost.x[-1]))} D after {lost.x[-1]:g} s; {_scale_note(main)}", study=STUDY,
+        ),
     ]  # fmt: skip
-
-
-def _compaction(main: GougeResult) -> Claim:
-    before, size = measures.holds(main)[-1], main.scenario.grains.mean
-    curve = measures.hold_curve(main, before, "thickness")
-    curve = curve._replace(rows=-curve.rows / size)
-    rate, end = measures.per_efold(curve), curve.at(curve.x[-1])
-    thinner = bool(rate.value > 0) if abs(rate.value) > rate.half else None  # whether the interval contains zero
-    return _statement(
-        "compaction-in-holds", "Text: not in the supplement", thinner,
-        f"thickness lost per e-fold of hold time: {_interval(rate)} D, {_error_note(rate)}; {_interval(end)} D after "
-        f"{curve.x[-1]:g} s; {_scale_note(main)}", study=STUDY,
-    )  # fmt: skip
 
 
 def _healing(main: GougeResult) -> Claim:
@@ -359,22 +358,6 @@ def _healing(main: GougeResult) -> Claim:
     )  # fmt: skip
 
 
-def _reslide_peaks(result: GougeResult | None) -> Claim:
-    where = "Fig S2: inset of panel a, slope = 0.0155"
-    if result is None:
-        return _missing_claim("peak-vs-velocity-ratio", where, PEAK_SLOPE, "1", TOLERANCE["rate and state"], "not run")
-    before = measures.holds(result)[0]
-    _, after, peaks, hold = reslides_after_longest(result, before)
-    ratios = after / before
-    rate = slope(np.log(ratios), peaks)
-    listed = "; ".join(f"{_interval(p)} at V_r/V_i = {r:.3g}" for r, p in zip(ratios, peaks, strict=True))
-    return claim(
-        "peak-vs-velocity-ratio", where, PEAK_SLOPE, rate.value, "1", TOLERANCE["rate and state"],
-        f"peak after elastic reloading minus steady friction, per e-fold of the ratio: {_interval(rate)}; {listed}; "
-        f"after holds of {hold:g} s at V_i = {before:g} m/s; {UNDEFINED}; {_scale_note(result)}", error=rate.half / 2,
-    )  # fmt: skip
-
-
 def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
     """Claims about a, b and D_c, from a slip-law fit to mean velocity steps with radiation damping."""
     printed = {"a": A, "b": B, "a-minus-b": A - B, "dc": DC}
@@ -384,7 +367,7 @@ def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
         return f"Fig S1: caption, {'a − b' if name == 'a-minus-b' else name} = {printed[name]:.3g}"
 
     if result is None:
-        return [_missing_claim(n, where(n), v, units.get(n, "1"), tolerance, "not run") for n, v in printed.items()]
+        return [claim(n, where(n), v, None, units.get(n, "1"), tolerance, FULL) for n, v in printed.items()]
     records = [steps.data for steps in measures.mean_records(result)]
     seen = measures.response(result)
     eta = max(seen.impedance.value, 0.0)
@@ -393,7 +376,9 @@ def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
     value, low, high = slip.difference
     parameters = {n: (slip.values[n], slip.errors[n]) for n in ("a", "b", "dc")}
     parameters["a-minus-b"] = value, (high - low) / (2 * 1.96)
-    steady = _slope_of_steady_friction(result)
+    speeds = [speed for speed in measures.velocities(result) if measures.steady_slip(result, speed) >= DC]
+    levels = [measures.mean_friction(result, speed) for speed in speeds]
+    steady = slope(np.log(speeds), levels) if len(speeds) > 1 else None  # per e-fold of velocity, a − b
     if steady and not np.isfinite(value):
         parameters["a-minus-b"] = steady.value, steady.half / 1.96
     note = (
@@ -406,14 +391,6 @@ def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
         claim(n, where(n), printed[n], parameters[n][0], units.get(n, "1"), tolerance, note, error=parameters[n][1])
         for n in printed
     ]
-
-
-def _slope_of_steady_friction(result: GougeResult) -> Number | None:
-    """Change of steady friction per e-fold of velocity, a − b; None without two velocities that slid by D_c or more."""
-    speeds = [speed for speed in measures.velocities(result) if measures.steady_slip(result, speed) >= DC]
-    if len(speeds) < 2:
-        return None
-    return slope(np.log(speeds), [measures.mean_friction(result, speed) for speed in speeds])
 
 
 def _joint_interval(found: Fit) -> str:
@@ -514,41 +491,48 @@ def _collisions(holds: dict[str, GougeResult]) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _steady_friction(main: GougeResult, more: dict[str, GougeResult]) -> Claim:
+def _steady_sliding(main: GougeResult, more: dict[str, GougeResult]) -> list[Claim]:
+    """Claims about steady friction, and about the granular temperature over the normal stress.
+
+    The note on the temperature gives the direct effect.
+    """
     runs = [main, *(r for name, r in more.items() if name in ("velocities", "steps"))]
     levels = {v: measures.mean_friction(r, v) for r in runs for v in measures.velocities(r)}
     listed = ", ".join(f"{_interval(n)} at {v:g} m/s" for v, n in sorted(levels.items()))
-    before = measures.holds(main)[-1]
-    return claim(
-        "steady-friction", "Text: no steady friction is printed", None, levels[before].value, "1", TOLERANCE["steady"],
-        f"{listed}; friction is correlated over {measures.correlation_slip(main, before):.2g} D of slip; "
-        f"{_scale_note(main)}",
-        error=levels[before].half / 2, reference=sum(STEADY) / 2,
-        reference_source=f"midpoint of {STEADY[0]} to {STEADY[1]}, known for gouge made of such grains",
-    )  # fmt: skip
-
-
-def _temperature(main: GougeResult, steps: GougeResult | None) -> Claim:
-    """Claim about the granular temperature over the normal stress, with the direct effect in the note."""
+    steps, before = more.get("steps"), measures.holds(main)[-1]
     result = steps or main
-    chosen, before = result.scenario, measures.holds(main)[-1]
+    chosen = result.scenario
     mean = measures.mean_of(result, before, "temperature")
     normalised = mean.value * chosen.grains.density / chosen.load.normal_stress
     seen = measures.response(steps) if steps else None
     direct = f"a = {_interval(seen.a)}" if seen else f"a was not measured; the paper's value is {A}"
     ratio = measures.sliding_energy_ratio(main, before)
-    return claim(
-        "granular-temperature", "Text: not in the supplement", None, normalised, "1", 0.5,
-        f"ρ T/σ at {before:g} m/s, where T = {mean.value:.2g} ± {mean.half:.1g} m²/s² is the mean of v_y² and v_z²; "
-        f"its square root {normalised**0.5:.1e}, kinetic over elastic energy {ratio.value:.1e} ± {ratio.half:.0e}; "
-        f"{direct}; {EARLIER}, states that a suitable normalisation by the confining pressure gives an estimate of a, "
-        f"but its formula was not available; {_scale_note(result)}",
-        error=mean.half / 2 / mean.value * normalised,
-    )  # fmt: skip
+    return [
+        claim(
+            "steady-friction", "Text: no steady friction is printed", None, levels[before].value, "1",
+            TOLERANCE["steady"],
+            f"{listed}; friction is correlated over {measures.correlation_slip(main, before):.2g} D of slip; "
+            f"{_scale_note(main)}",
+            error=levels[before].half / 2, reference=sum(STEADY) / 2,
+            reference_source=f"midpoint of {STEADY[0]} to {STEADY[1]}, known for gouge made of such grains",
+        ),
+        claim(
+            "granular-temperature", "Text: not in the supplement", None, normalised, "1", 0.5,
+            f"ρ T/σ at {before:g} m/s, where T = {mean.value:.2g} ± {mean.half:.1g} m²/s² is the mean of v_y² and "
+            f"v_z²; its square root {normalised**0.5:.1e}, kinetic over elastic energy {ratio.value:.1e} ± "
+            f"{ratio.half:.0e}; {direct}; {EARLIER}, states that a suitable normalisation by the confining pressure "
+            f"gives an estimate of a, but its formula was not available; {_scale_note(result)}",
+            error=mean.half / 2 / mean.value * normalised,
+        ),
+    ]  # fmt: skip
 
 
-def _quasi_static(main: GougeResult) -> Claim:
-    """Claim that sliding and holds are quasi-static, from the inertial number, the kinetic energy and creep."""
+def _energies(main: GougeResult) -> list[Claim]:
+    """Claims that sliding and holds are quasi-static, and that the energy ledger closes.
+
+    The former follows from the inertial number, the kinetic energy and creep; the latter shows where the work of the
+    spring goes.
+    """
     chosen, before = main.scenario, measures.holds(main)[-1]
     thickness = main.realizations[0].range.thickness * chosen.grains.mean
     number = inertial_numbers(chosen, before, thickness)["mean_grain"]
@@ -556,7 +540,7 @@ def _quasi_static(main: GougeResult) -> Claim:
     held, creep = measures.energy_ratio(main, before), measures.creep_velocity(main, before)
     last = float(held.x[-1])
     ratios = ", ".join(f"{held.at(t).value:.1e} after {t:g} s" for t in (1e-3, 1e-2, 1e-1, 1.0) if t <= last * 1.01)
-    return _statement(
+    quasi_static = _statement(
         "quasi-static", "Text: the supplement calls its simulations quasi-static and prints no number",
         bool(number < INERTIAL and sliding.value + np.nan_to_num(sliding.half) < ENERGY),
         f"at {before:g} m/s inertial number {number:.1e}, kinetic over elastic energy {sliding.value:.1e} ± "
@@ -564,24 +548,21 @@ def _quasi_static(main: GougeResult) -> Claim:
         f"of {last:g} s; {_scale_note(main)}",
         study=f"inertial number below {INERTIAL:g} (da Cruz et al. 2005), kinetic over elastic energy below {ENERGY:g}",
     )  # fmt: skip
-
-
-def _energies(main: GougeResult) -> Claim:
-    """Claim about the energy ledger during sliding, which shows where the work of the spring goes."""
     books = [sample.ledger for sample in main.realizations if sample.ledger]
     source, study = "Text: not in the paper; a check of this package", "conservation of energy"
     if not books:
-        return _statement("energy-balance", source, None, "no ledger was recorded", study=study)
+        return [quasi_static, _statement("energy-balance", source, None, "no ledger was recorded", study=study)]
     work, coulomb, rolling, viscous, curl = (
         np.mean([b[name][-1] - b[name][0] for b in books])
         for name in ("external", "coulomb", "rolling", "viscous", "nonpotential")
     )
     friction = coulomb + rolling
     defect = max(float(np.abs(b["defect"]).max()) for b in books) / max(abs(friction + viscous), 1e-300)
-    return _statement(
+    balance = _statement(
         "energy-balance", source, bool(defect < LEDGER),
         f"the ledger closes to within {defect:.0e} of the dissipated energy, of which friction accounts for "
         f"{friction / (friction + viscous):.1%}; work of loads {work:.3g} J, energy created by tangential springs "
         f"{curl:.1e} J",
         study=study,
     )  # fmt: skip
+    return [quasi_static, balance]

@@ -130,9 +130,18 @@ def slide_trunk(
     legs = _LegRunner(scenario, engine, report, kept, scenario.trunk_duration, f"{scenario.seed}/{TRUNK}")
     place, tests, branches = gouge, [], []
     states, velocity = {"settled": gouge.state}, 0.0
-    place, test = _slide_to_steadiness(legs, place)
-    tests.append(test)
-    states["steady"], velocity = place.state, test.velocity
+    chosen = scenario.preparation
+    if not chosen.steady:
+        seconds = chosen.slip * scenario.grains.mean / chosen.velocity
+        reached = legs.run(place, chosen.velocity, seconds, "preparation")
+    elif not (reached := _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)):
+        raise RuntimeError(
+            f"the sample was not steady after a slip of {chosen.longest:g} D: raise preparation.change or "
+            f"preparation.longest"
+        )
+    place, series, elastic = reached
+    tests.append(Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic))
+    states["steady"], velocity = place.state, chosen.velocity
     for number, part in enumerate(scenario.protocol):
         for new in part.starts:
             for k, seconds in enumerate(part.trunk(new, scenario.grains.mean)):
@@ -167,21 +176,6 @@ def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) ->
     stable = stable_time_step(state, gouge_law(scenario, scenario.law.mu))
     good = make_range(scenario, fastest, thickness, overlap, stable)
     return Realization(seed, good, everything, trunk.states, trunk.ledger)
-
-
-def _slide_to_steadiness(legs: "_LegRunner", place):
-    """Slide until friction agrees in two successive windows, or for a given slip."""
-    chosen = legs.scenario.preparation
-    if not chosen.steady:
-        seconds = chosen.slip * legs.scenario.grains.mean / chosen.velocity
-        reached = legs.run(place, chosen.velocity, seconds, "preparation")
-    elif not (reached := _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)):
-        raise RuntimeError(
-            f"the sample was not steady after a slip of {chosen.longest:g} D: raise preparation.change or "
-            f"preparation.longest"
-        )
-    place, series, elastic = reached
-    return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
 
 
 def _run_until_steady(legs: "_LegRunner", place, velocity: float, least: float, longest: float):

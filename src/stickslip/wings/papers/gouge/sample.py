@@ -285,7 +285,14 @@ def _settle(scenario: GougeScenario, state: State, law: Law, stage: str, report:
     chosen = scenario.preparation
     for k in range(max(1, round(chosen.most / CHUNK))):
         state = _advance(scenario, state, law, _drag(scenario))
-        unrest, swing = _unbalance(state, law)
+        acting, _ = forces(state, law, memory=FROZEN)
+        free, rows = state.control.group[: len(state.grains.radius)] < 0, touching(state)
+        pull = np.linalg.norm(unbalanced_forces(state, acting)[: len(free)][free, :3], axis=1).mean()
+        held = np.linalg.norm(contact_forces(state, law)[rows], axis=1).mean() if len(rows) else 0.0
+        moving = state.grains
+        energy = moving.mass @ (moving.velocity**2).sum(axis=1) + moving.inertia @ (moving.spin**2).sum(axis=1)
+        unrest = float(pull / held) if held > 0 else np.inf
+        swing = float(0.5 * energy / elastic_energy(state, law)) if held > 0 else np.inf
         report(stage, min(1.0, (k + 1) * CHUNK / chosen.most), f"unbalanced {unrest:.1e}, kinetic/elastic {swing:.1e}")
         if unrest < chosen.unbalanced and swing < MAX_KINETIC_RATIO:
             return state
@@ -293,20 +300,6 @@ def _settle(scenario: GougeScenario, state: State, law: Law, stage: str, report:
         f"the sample did not settle in {chosen.most:g} steps (unbalanced force {unrest:.1e} of the contact force, "
         f"target {chosen.unbalanced:g}): raise preparation.most or preparation.drag"
     )
-
-
-def _unbalance(state: State, law: Law) -> tuple[float, float]:
-    """Return the mean unbalanced force of free bodies over the mean contact force, and kinetic over elastic energy."""
-    acting, _ = forces(state, law, memory=FROZEN)
-    free = state.control.group[: len(state.grains.radius)] < 0
-    pull = np.linalg.norm(unbalanced_forces(state, acting)[: len(free)][free, :3], axis=1).mean()
-    rows = touching(state)
-    held = np.linalg.norm(contact_forces(state, law)[rows], axis=1).mean() if len(rows) else 0.0
-    grains = state.grains
-    energy = 0.5 * (grains.mass @ (grains.velocity**2).sum(axis=1) + grains.inertia @ (grains.spin**2).sum(axis=1))
-    if not held > 0:
-        return np.inf, np.inf
-    return float(pull / held), float(energy / elastic_energy(state, law))
 
 
 def _glue_plates(scenario: GougeScenario, state: State) -> State:

@@ -407,7 +407,13 @@ class GougeScenario(ScenarioBase):
             name = f"protocol entry {number}"
             legs[name] = min(min([*part.trunk(v, size), *part.branch(v, size)]) for v in part.starts)
             if part.kind == "slide-hold-slide":
-                self._check_holds(name, part.holds)
+                marks = [round(hold / self.interval) for hold in sorted(part.holds)]
+                if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
+                    raise ValueError(
+                        f"{name}: holds must last at least two samples and differ by at least one, "
+                        f"{self.interval:.2g} s, and the longest must last at least {LEAST} samples, got "
+                        f"{list(part.holds)}: lower sample_every"
+                    )
             if part.kind == "slide" and part.steady:
                 legs[f"{name}, its window"] = chosen.window * size / part.velocity
                 if part.slip < 2 * chosen.window:
@@ -422,14 +428,6 @@ class GougeScenario(ScenarioBase):
                     f"{self.interval:.2g} s: lower sample_every or use a longer slip"
                 )
         return self
-
-    def _check_holds(self, name: str, holds) -> None:
-        marks = [round(hold / self.interval) for hold in sorted(holds)]
-        if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
-            raise ValueError(
-                f"{name}: holds must last at least two samples and differ by at least one, {self.interval:.2g} s, and "
-                f"the longest must last at least {LEAST} samples, got {list(holds)}: lower sample_every"
-            )
 
     @property
     def interval(self) -> float:

@@ -373,52 +373,41 @@ class _Ensemble(NamedTuple):
         more = f"; {before} had finished earlier" if before else ""
         cost = f"each takes {self.scenario.expected_cost}{more}"
         self.report(f"realisations ({len(self.alone)} to run)", 0.0, cost)
-        trunks = self._run_trunks()
-        owners = [k for k, trunk in enumerate(trunks.results) if trunk for _ in trunk.branches]
-        starts = [start for trunk in trunks.results if trunk for start in trunk.branches]
-        tests = self._run_branches(owners, starts)
-        out = []
-        for k, (member, trunk) in enumerate(zip(self.alone, trunks.results, strict=True)):
-            mine = [b for b, owner in enumerate(owners) if owner == k]
-            if wrong := next(filter(None, [trunks.reasons[k], *(tests.reasons[b] for b in mine)]), None):
-                out.append(wrong)
-                continue
-            out.append(make_realization(member, member.seed, trunk, [tests.results[b] for b in mine]))
-            self._save(member, out[-1])
-        return out
-
-    def _run_trunks(self) -> Realizations:
-        """Run the trunk of every realisation."""
         nouns = (Trunk, Branch, Test, Series, Gouge)
         places = [self.kept and self.kept.of(member.digest, *nouns) for member in self.alone]
         tasks = [
             Task(f"trunk {member.seed}", (member.text, place and place.of(TRUNK)), TRUNK, place)
             for member, place in zip(self.alone, places, strict=True)
         ]
-        return self._run(_trunk_task, tasks, 0.0, self.first)
-
-    def _run_branches(self, owners: list[int], starts: list[Branch]) -> Realizations:
-        """Run the tests of every branch of every trunk."""
+        trunks = self._run(_trunk_task, tasks, 0.0, self.first)
+        owners = [k for k, trunk in enumerate(trunks.results) if trunk for _ in trunk.branches]
+        starts = [start for trunk in trunks.results if trunk for start in trunk.branches]
         names = [f"branch-{start.part:02d}-{start.before:.6g}-{start.number:03d}" for start in starts]
         places = [self.kept and self.kept.of(self.alone[k].digest, Test, Series) for k in owners]
         tasks = [
             Task(name, (self.alone[k].text, start, place and place.of(name)), name, place)
             for k, start, place, name in zip(owners, starts, places, names, strict=True)
         ]
-        return self._run(_branch_task, tasks, self.first, 1.0)
+        tests = self._run(_branch_task, tasks, self.first, 1.0)
+        out = []
+        for k, (member, trunk) in enumerate(zip(self.alone, trunks.results, strict=True)):
+            mine = [b for b, owner in enumerate(owners) if owner == k]
+            if wrong := next(filter(None, [trunks.reasons[k], *(tests.reasons[b] for b in mine)]), None):
+                out.append(wrong)
+                continue
+            out.append(made := make_realization(member, member.seed, trunk, [tests.results[b] for b in mine]))
+            if self.samples:
+                write_sample(self.samples, member, made)
+            if self.folder:
+                path = _realization_path(member, self.folder)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                archive.write(path, {"realization": made}, scenario=member.text, version=__version__)
+                self.kept.of(member.digest).clear()
+        return out
 
     def _run(self, function: Callable, tasks: list[Task], begin: float, end: float) -> Realizations:
         stage, report = f"realisations ({len(self.alone)} to run)", within(self.report, begin, end)
         return run_realizations(function, tasks, stage=stage, workers=self.workers, device=self.device, report=report)
-
-    def _save(self, member: GougeScenario, result: Realization) -> None:
-        if self.samples:
-            write_sample(self.samples, member, result)
-        if self.folder:
-            path = _realization_path(member, self.folder)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            archive.write(path, {"realization": result}, scenario=member.text, version=__version__)
-            self.kept.of(member.digest).clear()
 
 
 def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:

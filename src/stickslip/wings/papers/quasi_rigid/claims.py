@@ -31,7 +31,6 @@ from ...status.matrices import linear_system, stiffness_matrix
 from ...status.rigidity import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from .cases import (
     BURST,
-    ApexCases,
     SlidingState,
     StatusCases,
     apex_cases,
@@ -61,14 +60,33 @@ def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
     """Evaluate the statements; a quick run omits other pressures and the packing of 1600 disks."""
     pairs = [(sample, state) for sample in main.tested for state in _sliding_states(sample)]
     loads = [_lid_load(main, state, sample) for sample, state in pairs]
+    linearised = max(table_one(*disk_in_groove(make=hertz_mindlin), size=MOTION).values())
     states = [
         (sample.seed, made)
         for (sample, state), load in zip(pairs, loads, strict=True)
         if (made := sliding_state(state, sample.law, load))
     ]
+    choices = [s for _, s in states if s.critical > 1]
+    by_value = [s.least_eigenvalue for s in choices if s.least_eigenvalue is not None]
+    by_det = [s.least_determinant for s in choices if s.least_determinant is not None]
     return [
-        *_growth(), _null_modes(main), _geometric(main, quick), _critical_contacts(main, quick), _least_stable(states),
-        _shares(states), _sliding_share(states), *_vibrations(pairs[::LOOKS] if quick else pairs), _linear_law(),
+        *_growth(), _null_modes(main), *_costly_claims(main, quick),
+        statement(
+            "all-sliding-least-stable",
+            'Sec. V A: "most likely to be unstable is the one where all M_c critical contacts are sliding"',
+            sum(by_value) > len(by_value) / 2 if by_value else None,
+            f"holds in most states: among all statuses, it has the smallest eigenvalue of the symmetric part of k in "
+            f"{sum(by_value)} of {len(by_value)} states with 2 to 6 critical contacts, and the smallest det k in "
+            f"{sum(by_det)} of {len(by_det)} with 2 to 14",
+        ),
+        _shares(states), _sliding_share(states), *_vibrations(pairs[::LOOKS] if quick else pairs),
+        statement(
+            "linear-law-is-no-restriction", 'Sec. V A: "one could always linearise the force law"',
+            linearised < LINEARISED,
+            f"Table I with Hertz–Mindlin linearised at a point, at the limit: relative errors up to {linearised:.0e}. "
+            f"K then has the entry −φ' below its diagonal, and a sticking contact contributes a positive amount to Q "
+            f"only if μ² < 24 k_t/k_n",
+        ),
     ]  # fmt: skip
 
 
@@ -126,41 +144,30 @@ def _null_modes(main: QuasiResult) -> Claim:
     )  # fmt: skip
 
 
-def _geometric(main: QuasiResult, quick: bool) -> Claim:
-    id, source = "geometric-stiffness-slope", "Sec. III D: Eq 33, the neglected term is O(D/R)"
+def _costly_claims(main: QuasiResult, quick: bool) -> list[Claim]:
+    """Claims about the geometric stiffness and the number of critical contacts, which a quick run leaves open."""
+    slope = "geometric-stiffness-slope", "Sec. III D: Eq 33, the neglected term is O(D/R)", 1.0
+    number = (
+        "hundreds-of-critical-contacts",
+        'Sec. II C: "it is common to have hundreds of critical contacts" with "thousands of particles"',
+    )
     if quick:
-        return claim(id, source, 1.0, None, "1", SLOPE, "needs packings at three pressures")
-    slopes = [geometric_slope(sample.seed) for sample in main.tested]
-    return claim(
-        id, source, 1.0, float(np.mean(slopes)), "1", SLOPE,
-        "slope of the logarithm of |geometric stiffness|/|k| against that of the largest overlap, from packings at "
-        f"P/K_n = 1e-5, 1e-4 and 1e-3: {', '.join(f'{s:.3f}' for s in slopes)}", error=standard_error(slopes),
-    )  # fmt: skip
-
-
-def _critical_contacts(main: QuasiResult, quick: bool) -> Claim:
-    id = "hundreds-of-critical-contacts"
-    source = 'Sec. II C: "it is common to have hundreds of critical contacts" with "thousands of particles"'
-    if quick:
-        return statement(id, source, None, f"needs a path of {DISKS} disks", quantifier=CAN)
-    count, load = most_critical(DISKS, main.scenario.seed)
-    return statement(
-        id, source, count >= HUNDREDS, f"up to {count} in one path of {DISKS} disks, which ends at load {load:.3g}",
-        quantifier=CAN,
-    )  # fmt: skip
-
-
-def _least_stable(states: list[tuple[int, SlidingState]]) -> Claim:
-    by_value = [s.least_eigenvalue for _, s in states if s.critical > 1 and s.least_eigenvalue is not None]
-    by_det = [s.least_determinant for _, s in states if s.critical > 1 and s.least_determinant is not None]
-    return statement(
-        "all-sliding-least-stable",
-        'Sec. V A: "most likely to be unstable is the one where all M_c critical contacts are sliding"',
-        sum(by_value) > len(by_value) / 2 if by_value else None,
-        f"holds in most states: among all statuses, it has the smallest eigenvalue of the symmetric part of k in "
-        f"{sum(by_value)} of {len(by_value)} states with 2 to 6 critical contacts, and the smallest det k in "
-        f"{sum(by_det)} of {len(by_det)} with 2 to 14",
-    )  # fmt: skip
+        return [
+            claim(*slope, None, "1", SLOPE, "needs packings at three pressures"),
+            statement(*number, None, f"needs a path of {DISKS} disks", quantifier=CAN),
+        ]
+    slopes, (count, load) = [geometric_slope(s.seed) for s in main.tested], most_critical(DISKS, main.scenario.seed)
+    return [
+        claim(
+            *slope, float(np.mean(slopes)), "1", SLOPE,
+            "slope of the logarithm of |geometric stiffness|/|k| against that of the largest overlap, from packings at "
+            f"P/K_n = 1e-5, 1e-4 and 1e-3: {', '.join(f'{s:.3f}' for s in slopes)}", error=standard_error(slopes),
+        ),
+        statement(
+            *number, count >= HUNDREDS,
+            f"up to {count} in one path of {DISKS} disks, which ends at load {load:.3g}", quantifier=CAN,
+        ),
+    ]  # fmt: skip
 
 
 def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
@@ -221,17 +228,6 @@ def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _linear_law() -> Claim:
-    errors = table_one(*disk_in_groove(make=hertz_mindlin), size=MOTION)
-    return statement(
-        "linear-law-is-no-restriction", 'Sec. V A: "one could always linearise the force law"',
-        max(errors.values()) < LINEARISED,
-        f"Table I with Hertz–Mindlin linearised at a point, at the limit: relative errors up to "
-        f"{max(errors.values()):.0e}. K then has the entry −φ' below its diagonal, and a sticking contact contributes "
-        f"a positive amount to Q only if μ² < 24 k_t/k_n",
-    )  # fmt: skip
-
-
 CASES = 500
 RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, the size of neglected terms
 COLLAPSE = 0.02  # tolerance: two increments of the slow load, the resolution of the collapse load
@@ -250,25 +246,30 @@ SHOWS = {
 
 def evaluate_claims(main: QuasiResult, *, cases: int = CASES, quick: bool = False) -> list[Claim]:
     """Evaluate all claims; values are medians over samples, and the notes give ranges."""
-    drawn, opened = status_cases(main, cases), apex_cases(main, cases)
-    return [
-        _table_one(main), *_status_claims(main, drawn), _slow_error(main), _collapse(main), _premise(main),
-        _flutter(main), _apex(opened), _mechanisms(main), *evaluate_motion(main, quick),
-    ]  # fmt: skip
-
-
-def _table_one(main: QuasiResult) -> Claim:
-    errors = []
+    drawn, opened, errors = status_cases(main, cases), apex_cases(main, cases), []
     for sample in main.tested:  # at the state with most sliding contacts before the last tenth of the path
         early = [p for p in sample.path.points if p.load <= 0.9 * sample.path.points[-1].load]
         errors.append(table_one(max(early, key=lambda p: p.sliding).state, sample.law))
     worst = {name: max(e[name] for e in errors) for name in errors[0]}
-    listed = ", ".join(f"{name} to {value:.0e}" for name, value in worst.items())
-    return statement(
-        "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", max(worst.values()) < RELATIONS,
-        f"compared with the engine's forces in states with sliding contacts; relative errors: {listed} (steps of 1e-7 "
-        f"radii)",
-    )  # fmt: skip
+    return [
+        statement(
+            "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", max(worst.values()) < RELATIONS,
+            f"compared with the engine's forces in states with sliding contacts; relative errors: "
+            f"{', '.join(f'{name} to {value:.0e}' for name, value in worst.items())} (steps of 1e-7 radii)",
+        ),
+        *_status_claims(main, drawn), _slow_error(main), _collapse(main), _premise(main),
+        _flutter(main),
+        claim(
+            "apex-counterexample", 'Sec. V B: "are these four states mutually exclusive?" is left open', None,
+            bool(len(opened.example) > 1), "", 0.0,
+            f"the four statuses at the apex are mutually exclusive where no choice has lost stability (det k of one "
+            f"sign): {opened.wrong} of {opened.coherent} such cases on real packings do not have exactly one "
+            f"consistent choice; otherwise, {opened.several} of {opened.total - opened.coherent} have two or more and "
+            f"{opened.none} have none; one contact in unstable surroundings has several at once: "
+            f"{', '.join(opened.example)}",
+        ),
+        _mechanisms(main), *evaluate_motion(main, quick),
+    ]  # fmt: skip
 
 
 def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
@@ -457,17 +458,6 @@ def _flutter(main: QuasiResult) -> Claim:
         f"load {sample.looks.load[k]:.4g} has Q > 0 for all v and a complex pair of m⁻¹k, which grows at a rate of "
         f"{growth:.2e} without dashpots, and therefore also with weak ones; with the dashpots of the samples the "
         f"largest growth rate is {damped_growth(state, sample.law)[0].real.max():.2e}", quantifier=ALWAYS,
-    )  # fmt: skip
-
-
-def _apex(opened: ApexCases) -> Claim:
-    return claim(
-        "apex-counterexample", 'Sec. V B: "are these four states mutually exclusive?" is left open', None,
-        bool(len(opened.example) > 1), "", 0.0,
-        f"the four statuses at the apex are mutually exclusive where no choice has lost stability (det k of one sign): "
-        f"{opened.wrong} of {opened.coherent} such cases on real packings do not have exactly one consistent choice; "
-        f"otherwise, {opened.several} of {opened.total - opened.coherent} have two or more and {opened.none} have "
-        f"none; one contact in unstable surroundings has several at once: {', '.join(opened.example)}",
     )  # fmt: skip
 
 

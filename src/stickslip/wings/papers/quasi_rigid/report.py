@@ -29,7 +29,12 @@ def figures(result: QuasiResult):
 
 def files(result: QuasiResult):
     """Yield (file name, function that writes it) for the curves and collapses as CSV."""
-    yield "series.csv", lambda path: CURVE.write(path, _curves(result))
+    curves = []
+    for sample in result.tested:
+        named = {"path": sample.curve, "unloading": sample.back}
+        named |= {f"dynamics {run.time:g}": run.curve for run in sample.slow}
+        curves += [Made(seed=sample.seed, curve=k, **curve._asdict()) for k, curve in named.items() if curve]
+    yield "series.csv", lambda path: CURVE.write(path, curves)
     if result.scenario.loading.collapses:
         yield "collapses.csv", lambda path: COLLAPSE.write(path, _collapses(result))
 
@@ -87,13 +92,6 @@ COLLAPSE = Quantities([
     Quantity("sliding_before", "1", "contacts at the Coulomb limit before", lambda event: event.sliding[0]),
     Quantity("sliding_after", "1", "contacts at the Coulomb limit after", lambda event: event.sliding[1]),
 ])  # fmt: skip
-
-
-def _curves(result: QuasiResult):
-    for sample in result.tested:
-        named = {"path": sample.curve, "unloading": sample.back}
-        named |= {f"dynamics {run.time:g}": run.curve for run in sample.slow}
-        yield from (Made(seed=sample.seed, curve=k, **curve._asdict()) for k, curve in named.items() if curve)
 
 
 def _collapses(result: QuasiResult) -> list[Made]:

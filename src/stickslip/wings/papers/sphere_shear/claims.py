@@ -334,6 +334,9 @@ def protocol_claims(main: ShearResult) -> list[Claim]:
     times = [sound_time(path) for path in main.paths]
     spectra = [spectrum(path.last, main.law, modes=False).eigenvalues for path in main.paths]
     shares, softest = zip(*map(damping_shares, spectra), strict=True)
+    dim, first = main.scenario.packing.dim, [path.single for path in main.paths if path.single is not None]
+    values, last = ([isotropy_statistic(s) for s in some] for some in (first, [path.last for path in main.paths]))
+    limit = chdtri(max(len(first), 1) * (dim * (dim + 1) // 2 - 1), LEVEL)
     return [
         median_claim(
             "drag-time-over-sound-time", said, 1.0, [1 / (DRAG * time) for time in times], "1", "drag",
@@ -345,7 +348,13 @@ def protocol_claims(main: ShearResult) -> list[Claim]:
             "fraction of the modes with omega <= eta_0/2, which are overdamped by this drag: "
             f"{describe_range(shares)}; softest mode: {describe_range(softest)}",
         ),
-        _isotropy(main),
+        statement(  # isotropic unless the test rejects isotropy
+            "isotropic-contacts", 'Sec. V: "prepared in a way that leads to an isotropic contact distribution"',
+            sum(values) < limit if first else None,
+            f"chi-square of the fabric tensor in the states with one pair: {describe_range(values)}, together "
+            f"{sum(values):.3g}, and {limit:.3g} would reject isotropy at {LEVEL:.0%}; at the last strain "
+            f"{describe_range(last)}",
+        ),
     ]  # fmt: skip
 
 
@@ -372,21 +381,6 @@ def isotropy_statistic(state: State) -> float:
     dim = state.cell.dim
     deviator = fabric(state)[:dim, :dim] - np.eye(dim) / dim
     return float(len(touching(state)) * dim * (dim + 2) / 2 * (deviator**2).sum())
-
-
-def _isotropy(main: ShearResult) -> Claim:
-    """Claim about the fabric, which counts as isotropic unless the test rejects isotropy."""
-    dim = main.scenario.packing.dim
-    first = [path.single for path in main.paths if path.single is not None]
-    values, last = ([isotropy_statistic(s) for s in some] for some in (first, [path.last for path in main.paths]))
-    limit = chdtri(max(len(first), 1) * (dim * (dim + 1) // 2 - 1), LEVEL)
-    return statement(
-        "isotropic-contacts", 'Sec. V: "prepared in a way that leads to an isotropic contact distribution"',
-        sum(values) < limit if first else None,
-        f"chi-square of the fabric tensor in the states with one pair: {describe_range(values)}, together "
-        f"{sum(values):.3g}, and {limit:.3g} would reject isotropy at {LEVEL:.0%}; at the last strain "
-        f"{describe_range(last)}",
-    )  # fmt: skip
 
 
 DECADES = 10.0  # decades of M over which the paper finds exponential growth

@@ -63,11 +63,6 @@ def _sheared(result: ShearResult) -> list[Sheared]:
     return [*map(Sheared, result.paths, result.single, result.later)]
 
 
-def _first_pair(sheared: Sheared) -> str:
-    path = sheared.path
-    return f"{path.onset.strain:.6g}" if path.onset else "at the start" if path.pairs[0] else "never"
-
-
 NAN, STRESS = float("nan"), "force/length^(dim-1)"
 RUN = Quantities([
     *quantities_of(Released, "strain", "pairs", "growth_rate").values(),
@@ -99,6 +94,7 @@ MEASURES = Measures([
 PACKING = Quantities([
     Quantity("packing", "1", "its seed", "path.seed"),
     *(MEASURES[name] for name in ("packing_fraction", "packing_pressure", "coordination", "rattlers")),
-    Quantity("first pair", "1", "strain at which the first pair is born", _first_pair),
+    Quantity("first pair", "1", "strain at which the first pair is born", lambda s:
+             f"{s.path.onset.strain:.6g}" if s.path.onset else "at the start" if s.path.pairs[0] else "never"),
     MEASURES["pairs_at_last_strain"],
 ])  # fmt: skip

@@ -175,27 +175,16 @@ def _equilibrate(protocol: Protocol, state: State, strain: float) -> Step:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # these steps are counted
         point = protocol.step(state, strain)
-    size, how = np.abs(point.spectrum.eigenvalues), point.outcome
-    zeros, row = int((size < 1e-9 * size.max()).sum()), _path_columns(point, protocol.law)
-    return Step(float(strain), point.state, row, zeros, how.fallback, how.unstable, how.left)
-
-
-def _path_columns(point: Equilibrium, law: Law) -> tuple:
-    """Return the columns of ShearPath at one point, from `pairs` to `residual`."""
-    modes, pairs, state = point.spectrum, point.spectrum.pair_indices, point.state
-    im = modes.im_lambda[pairs]
+    modes, pairs, how = point.spectrum, point.spectrum.pair_indices, point.outcome
+    size, im = np.abs(modes.eigenvalues), modes.im_lambda[pairs]
     real = modes.eigenvalues[modes.eigenvalues.imag == 0].real
-    return (
-        len(pairs),
-        im.max(initial=0.0),
-        im.min() if len(im) else 0.0,
-        modes.growth_rate[pairs].max(initial=0.0),
-        int((real < -1e-9 * np.abs(modes.eigenvalues).max()).sum()),
-        -stress(state, law)[0, 1],
-        pressure(state, law),
-        len(touching(state)),
-        point.outcome.residual,
-    )
+    row = (  # columns of ShearPath, from `pairs` to `residual`
+        len(pairs), im.max(initial=0.0), im.min() if len(im) else 0.0, modes.growth_rate[pairs].max(initial=0.0),
+        int((real < -1e-9 * size.max()).sum()), -stress(point.state, protocol.law)[0, 1],
+        pressure(point.state, protocol.law), len(touching(point.state)), how.residual,
+    )  # fmt: skip
+    zeros = int((size < 1e-9 * size.max()).sum())
+    return Step(float(strain), point.state, row, zeros, how.fallback, how.unstable, how.left)
 
 
 def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:

@@ -1,1 +1,0 @@
-"""Check of an installation: versions and optional parts, and a self-check against stored numbers."""
