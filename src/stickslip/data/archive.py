@@ -55,7 +55,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     Raises
     ------
     OSError
-        if the file cannot be written; an existing file is left unchanged.
+        If the file cannot be written; an existing file is left unchanged.
     """
     path = Path(path)
     memory = {"driver": "core", "backing_store": False, "userblock_size": _BLOCK}
@@ -99,7 +99,7 @@ def read(path: str | Path, *, nouns: Iterable[type] = (), remedy: str = REMEDY) 
     Raises
     ------
     ArchiveError
-        if the file is not an archive, is truncated, or has a schema that this version does not read.
+        If the file is not an archive, is truncated, or has a schema that this version does not read.
     """
     known = known_nouns(nouns)
     with _open(path, remedy) as file:

@@ -38,7 +38,7 @@ class ArchiveError(SentenceError):
 
 @contextmanager
 def refuse_damage(path, kind: str, remedy: str) -> Iterator[None]:
-    """Raise ArchiveError with a one-sentence message for any error caused by a damaged file."""
+    """Raise ArchiveError for any error caused by a damaged file."""
     try:
         yield
     except ArchiveError:

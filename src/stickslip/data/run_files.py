@@ -57,7 +57,7 @@ def replace_atomically(path: str | Path):
     Raises
     ------
     OSError
-        naming `path`, if it cannot be written; an existing file is left unchanged.
+        If the file cannot be written; the message names it, and an existing file is left unchanged.
     """
     path = Path(path)
     if not path.parent.is_dir():
@@ -87,7 +87,7 @@ def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Ite
     Raises
     ------
     ValueError
-        with a one-sentence message that names the first file that may not be written.
+        If a file may not be written; the message names the first one.
     """
     sources = [Path(path) for path in made_from if path is not None]
     for path in paths:

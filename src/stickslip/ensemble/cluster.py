@@ -42,7 +42,7 @@ def connect(address):
     Raises
     ------
     ValueError
-        with a one-sentence message, if Dask is not installed or no scheduler answers.
+        If Dask is not installed or no scheduler answers.
     """
     distributed = require("distributed", "cluster")
     if isinstance(address, distributed.Client):
@@ -99,7 +99,7 @@ def _resolve_address(address: str) -> str:
             kind = apart.submit(asyncio.run, asyncio.wait_for(_request_identity(address), PATIENCE)).result()["type"]
     except TimeoutError:
         raise OSError(f"the program listening there did not answer within {PATIENCE:g} s") from None
-    except Exception:  # another program's answer can fail in any way if it is parsed as that of a scheduler
+    except Exception:  # parsing another program's answer can raise any exception
         raise ValueError("the program listening there is not a scheduler") from None
     if kind != "Scheduler":
         raise ValueError(f"a Dask {kind} listens there")
@@ -123,7 +123,7 @@ def run_tasks(packed, address, keep, heard) -> None:
     Raises
     ------
     SchedulerGoneError
-        if the scheduler disappears before the last result has arrived.
+        If the scheduler disappears before the last result has arrived.
     """
     topic, events, source, futures = f"stickslip-{uuid4().hex}", queue.SimpleQueue(), iter(packed), {}
     with connect(address) as client:

@@ -59,7 +59,7 @@ def reach(workers: Workers) -> Spread:
     Raises
     ------
     ValueError
-        with a one-sentence message, if the number is below 1, or no Dask scheduler answers at the address.
+        If the number is below 1, or no Dask scheduler answers at the address.
     """
     if workers is None or isinstance(workers, int):
         number = default_workers() if workers is None else workers
@@ -93,8 +93,8 @@ def run_members(
 ) -> list[Member]:
     """Call `function(*task)` for every task and return the outcomes in order; results do not depend on `workers`.
 
-    If a process dies, only its own member is affected: it is tried once more (on a cluster, as often as the scheduler
-    allows) and is then reported as failed. The others continue.
+    If a process dies, only its own member is affected: it is retried once (on a cluster, as often as the scheduler
+    allows) and then reported as failed. The others continue.
 
     Parameters
     ----------
@@ -113,9 +113,9 @@ def run_members(
     Raises
     ------
     ValueError
-        if `function` is defined in a script or notebook and more than one process is requested.
+        If `function` is defined in a script or notebook and more than one process is requested.
     RuntimeError
-        with the number of unfinished members, if the scheduler of a cluster disappears.
+        If the scheduler of a cluster disappears; the message gives the number of unfinished members.
 
     Examples
     --------

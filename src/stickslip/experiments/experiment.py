@@ -20,7 +20,7 @@ def _failures(result) -> tuple[str, ...]:
 
 
 class Reproduction(NamedTuple):
-    """Result of the scenario of a paper, stored in the run folder, and its evaluated claims."""
+    """Result of a paper's scenario, which is stored in the run folder, and the evaluated claims."""
 
     main: Any
     claims: list

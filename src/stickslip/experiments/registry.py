@@ -180,7 +180,7 @@ def read_tables(path: str | Path) -> dict:
     Raises
     ------
     ScenarioError
-        If the file cannot be read; the message is one sentence.
+        If the file cannot be read.
     """
     path = Path(path)
     try:

@@ -83,7 +83,7 @@ def view(
     Raises
     ------
     ValueError
-        if there is no such quantity, or the zoom is not allowed.
+        If there is no such quantity, or the zoom is not allowed.
 
     Examples
     --------

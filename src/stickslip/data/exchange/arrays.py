@@ -145,7 +145,7 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
     Raises
     ------
     PackingError
-        if the file has arrays with other names, or lacks some.
+        If the file has arrays with other names, or lacks some.
     """
     names = (*REQUIRED, *OPTIONAL, *LAW, UNITS)
     for name in arrays:

@@ -42,10 +42,11 @@ def plain_name(name: str) -> str:
 
 
 def names_by_content(rows: np.ndarray) -> list[str] | None:
-    """Names of the columns of grains without names, by their content; None if they fit no known layout.
+    """Names for unnamed columns of grains, from their content; None if no known layout fits.
 
-    A column that counts the rows, from 0 or 1, is read as ids, unless the grains may lie in a line. Eight columns, or
-    six in a plane, are read as MFIX's particle_input.dat, version 1; any other six as lists of PeGS2 and RigidLibrary.
+    A first column that counts the rows, from 0 or 1, is read as ids, unless it may be the coordinate of grains in a
+    row. Eight columns, or six in a plane, are read as MFIX's particle_input.dat, version 1; any other six as lists of
+    PeGS2 and RigidLibrary.
     """
     count, width = rows.shape
     counts = count > 0 and rows[0, 0] in (0, 1) and bool((rows[:, 0] == rows[0, 0] + np.arange(count)).all())
@@ -106,7 +107,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     Raises
     ------
     PackingError
-        if positions or radii are missing; the message lists the columns.
+        If positions or radii are missing; the message lists the columns.
     """
     known, rest = identify_columns(columns)
     if "position" not in known or not {"radius", "diameter"} & set(known):
@@ -276,7 +277,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     Raises
     ------
     PackingError
-        if no columns fit.
+        If no columns fit.
     """
     names, ids = [""] * values.shape[1], packing.ids
     ends = next((k for k in range(min(values.shape[1], MOST) - 1) if _are_pairs(values[:, k : k + 2], packing)), None)

@@ -84,7 +84,7 @@ def _zstandard(path: Path):
 
 
 def read_content(path: Path, size: int = -1) -> bytes:
-    """Bytes of a file, decompressed if it is compressed; at most `size` of them if it is not negative."""
+    """Bytes of a file, decompressed if necessary; at most `size` of them unless `size` is negative."""
     # function that opens the compressed file; None for others
     start = _read(path, 6)
     mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
@@ -125,7 +125,7 @@ def read_lines(
     remedy: str = "give a text file, or a binary one that is listed in `stickslip docs exchange`",
     fallback: str | None = None,
 ) -> str:
-    """Text of a file, in UTF-8 or another encoding; PackingError if it is binary, or ends in the middle of a line."""
+    """Text of a file, in UTF-8 or another encoding; raise PackingError if it is binary or ends within a line."""
     try:
         text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
     except ValueError as problem:

@@ -144,7 +144,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     Raises
     ------
     PackingError
-        if the file is truncated, of another version, or not a GSD file.
+        If the file is truncated, of another version, or not a GSD file.
     """
     hoomd = require("gsd.hoomd", "exchange")
     try:

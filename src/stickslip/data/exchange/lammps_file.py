@@ -153,7 +153,7 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
 
 
 def _finite_numbers(table: Table, path: Path, *names: str) -> np.ndarray:
-    """Columns as numbers; PackingError if one of them is NaN or infinite."""
+    """Columns as numbers; raise PackingError if one of them is NaN or infinite."""
     values = table.numbers(*names)
     if not (np.abs(values) < HUGE).all():
         raise PackingError(
@@ -203,7 +203,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     Raises
     ------
     PackingError
-        if the law is not LAMMPS's, if velocities needed by the dashpots are missing, or if contacts and grains do not
+        If the law is not LAMMPS's, if velocities needed by the dashpots are missing, or if contacts and grains do not
         match.
 
     Warns
@@ -267,8 +267,9 @@ def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
     if miss > OTHER_LAW:
         raise PackingError(
-            f"normal forces of the law differ from those in the dump by up to {miss:.2g} of their mean, so law, "
-            f"types or run differ: give the law, kn and damping_n used in LAMMPS, and enough digits ({ALL_DIGITS})"
+            f"normal forces of the law differ from those in the dump by up to {miss:.2g} of their mean, so the "
+            f"law, the types or the run differ: give the law, kn and damping_n used in LAMMPS, and enough digits "
+            f"({ALL_DIGITS})"
         )
     if miss > NEGLIGIBLE:
         problem = f"normal forces of the law differ from those in the dump by up to {miss:.1g} of their mean"

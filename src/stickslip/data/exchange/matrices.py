@@ -33,7 +33,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     Raises
     ------
     ValueError
-        if a name occurs twice, there is nothing to write, or a file already exists.
+        If a name occurs twice, there is nothing to write, or a file already exists.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""A complete sweep with its messages on the terminal."""
+"""A complete sweep, with its messages on the terminal."""
 
 import json
 import shutil
