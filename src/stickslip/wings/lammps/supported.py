@@ -1,4 +1,4 @@
-"""Conditions that LAMMPS can run, and a one-sentence message for each that it cannot."""
+"""Conditions that LAMMPS can run, and error messages for those that it cannot."""
 
 import numpy as np
 
@@ -64,8 +64,8 @@ def _check_memory(law: Law) -> None:
         )
     if law.properties & builtin.TWISTING:
         raise ScenarioError(
-            "LAMMPS turns the spring of twisting moments to the direction of the present rate where their limit "
-            f"falls: {STAY[3:]}"
+            "LAMMPS reverses the twisting spring to the direction of the present rate when its limit decreases: "
+            f"{STAY[3:]}"
         )
     granular = law.properties or BUILTIN_LAWS[law.kind].parameters
     if granular and not law.properties & builtin.LEVER:

@@ -67,7 +67,7 @@ class Fault(NamedTuple):
     slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
 
     def check_entries(self) -> None:
-        """Raise an error with a one-sentence message if an entry has a wrong type, shape or name."""
+        """Raise an error if an entry has a wrong type, shape or name."""
         check_types(self)
         choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES, "slip": SENSES}
         for name, allowed in choices.items():
@@ -173,7 +173,7 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     Raises
     ------
     ValueError
-        if a parameter is not valid, or if cells are longer than a third of the cohesive length.
+        If a parameter is not valid, or if cells are longer than a third of the cohesive length.
 
     Examples
     --------
@@ -235,7 +235,7 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
 
 
 def check_fault(fault: Fault) -> None:
-    """Raise ValueError with a one-sentence message if a fault is invalid or its cells are too long."""
+    """Raise ValueError if a fault is invalid or its cells are too long."""
     fault.check_entries()
     for name in ("a", "dc", "normal", "dc2"):
         _check_values(name, getattr(fault, name), positive=True)
@@ -310,7 +310,7 @@ def _check_geometry(fault: Fault) -> None:
 
 
 def _check_cells(fault: Fault) -> None:
-    """Reject cells that do not resolve the rupture tip where friction weakens with velocity, at low or high velocity.
+    """Raise ValueError if cells do not resolve the tip of a rupture where friction weakens at low or high velocity.
 
     With cut-off velocities, A/B changes monotonically with velocity.
     """

@@ -38,7 +38,7 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
     Raises
     ------
     ValueError
-        if the fits do not use the same samples.
+        If the fits do not use the same samples.
     """
     same = len(first.models) == len(second.models) and first.samples == second.samples
     for own, other in zip(first.residuals, second.residuals, strict=False):

@@ -70,12 +70,12 @@ def posterior(
     Raises
     ------
     ValueError
-        if the input is not valid.
+        If the input is not valid.
     RuntimeError
-        if the data do not determine all parameters, if residuals vary as slowly as the signal, or if the chain is
+        If the data do not determine all parameters, if residuals vary as slowly as the signal, or if the chain is
         shorter than 50 autocorrelation times; draws would not represent the posterior.
     MissingExtraError
-        if emcee is not installed.
+        If emcee is not installed.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def posterior(
 def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
     """Return three functions: log-density, proposal of the sampler with its log-ratio, and random points.
 
-    Everything is relative to the best fit for the final noise.
+    All three refer to the best fit under the final noise.
     """
     task, filters = solution.task, solution.filters
     best = solve(task, solution.x, filters).x

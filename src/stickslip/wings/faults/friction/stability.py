@@ -135,7 +135,7 @@ def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: f
 
     The stiffness G k/2 of a sinusoid then equals the critical stiffness (b − a) σ/D_c of `critical_stiffness`, hence
     π G D_c/[(b − a) σ], for both laws (J. R. Rice and A. L. Ruina 1983, doi:10.1115/1.3167042). With cut-off
-    velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the velocity of sliding, see `Fault.sliding_at`.
+    velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the velocity of sliding (see `Fault.sliding_at`).
 
     Examples
     --------
@@ -154,7 +154,7 @@ def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal
     L_b/[π (1 − a/b)²] towards which they grow, if that is larger (Rubin and Ampuero 2005, doi:10.1029/2005JB003686,
     equations 13 and 31). With the slip law, zones become shorter as they accelerate (Ampuero and Rubin 2008,
     doi:10.1029/2007JB005082). With cut-off velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the slip
-    velocity of the zone, see `Fault.sliding_at`.
+    velocity of the zone (see `Fault.sliding_at`).
 
     Examples
     --------
@@ -260,7 +260,7 @@ def _lengths(fault: Fault) -> _Lengths:
 
 
 def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthens: str) -> str:
-    """Sentence on steady slip at V, and on changes up to 1 m/s."""
+    """Sentence on steady slip at V, and on the change of its stability up to 1 m/s."""
     location, fast = f" at {velocity:.3g} m/s", _lengths(fault.sliding_at(max(SEISMIC, velocity)))
     if slow.longest == fast.longest == 0:
         ends = f"from {velocity:.3g} to {SEISMIC:g} m/s"
