@@ -1,4 +1,4 @@
-"""Boundary conditions and loads; every function takes a `Control` and returns a modified copy.
+"""Boundary conditions and loads; every function accepts a `Control` and returns a modified copy.
 
 loads               forces, torques and gravity on free grains
 fixed               bodies that do not move

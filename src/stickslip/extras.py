@@ -79,7 +79,7 @@ def require(module: str, extra: str) -> ModuleType:
     Raises
     ------
     MissingExtraError
-        if the library is not installed, or is installed but cannot be loaded. The message is one sentence that names
+        If the library is not installed, or is installed but cannot be loaded. The message is one sentence that names
         the extra and the command that installs it.
 
     Examples

@@ -68,7 +68,7 @@ class _ByPublicName(MetaPathFinder, Loader):
 
     def create_module(self, spec):
         module = import_module(spec.origin)
-        spec.loader_state = module.__spec__  # replaced while a module is created
+        spec.loader_state = module.__spec__  # the import system replaces it while it creates a module
         return module
 
     def exec_module(self, module) -> None:
@@ -96,7 +96,7 @@ def lazy_function(package: str, path: str) -> Callable:
 
 
 def lazy_functions(package: str, module: str, *names: str) -> dict[str, Callable]:
-    """Return several functions of one module by name, each as `lazy_function` does."""
+    """Return several lazy functions of one module by name; see `lazy_function`."""
     return {name: lazy_function(package, f"{module}.{name}") for name in names}
 
 

@@ -23,9 +23,9 @@ Continuum
     dissipation         energy dissipated by each contact in a step, by sliding and dashpots
     coarse_grained      density, velocity and stress as fields on a grid
 
-Network of forces, of a state or measured
+Force network of a state, or a measured one
     force_network       contacts that touch and their forces
-    force_chains        grains in a row that carry more than the mean
+    force_chains        chains of grains that carry more than the mean force
     strong_network      contacts above the mean force, and their largest cluster
     force_anisotropy    anisotropies of contacts, normal and tangential forces
 

@@ -2,7 +2,7 @@
 
 Complex pairs
     complex_pairs       all pairs of a large packing
-    fastest_pair        the fastest growing pair of a very large one
+    fastest_pair        the fastest-growing pair of a very large one
     track_pairs         pairs along a load path, with births and deaths
     match_pairs         pairs matched from one spectrum to the next
     contact_sensitivity  effect of each contact on a pair

@@ -14,9 +14,9 @@ Generate
 Modify
     strained, sheared   affine deformation of cell and grains; simple shear
     reduced_cell        the same packing in its least skewed cell
-    with_push           another force on one disk of an array
+    with_push           different force on one disk of an array
     perturbed           random velocities
-    bonded              bonds between grains that are near, or between chosen ones
+    bonded              bonds between nearby grains, or between chosen ones
     without_walls       some walls removed
     without_bonds       all bonds removed
 

@@ -213,7 +213,7 @@ SHORT = 7  # letters of a part of a word that are compared
 
 
 def suggestions(word: str, limit: int = 3) -> list[str]:
-    """Public names, and commands in backticks, that somebody may mean by a word; the likeliest first.
+    """Public names, and commands in backticks, that a user may mean by a word, best match first.
 
     Examples
     --------

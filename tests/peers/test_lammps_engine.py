@@ -60,7 +60,7 @@ from tests.wings.studies.test_flow import TOML
         (ss.laws.walton_braun(k_unload=2.0), "LAMMPS does not have this law in stickslip's form"),
         (ss.laws.liquid_bridge(surface_tension=1e-3, volume=1e-3), "LAMMPS does not have this law in stickslip's form"),
         (ss.laws.jkr(work=1e-3), "separates contacts of jkr at 0.48 of the pull-off gap"),
-        (ss.laws.with_twisting(ss.laws.linear(), k_twist=1.0, mu_twist=0.1), "turns the spring of twisting moments"),
+        (ss.laws.with_twisting(ss.laws.linear(), k_twist=1.0, mu_twist=0.1), "reverses the twisting spring"),
         (ss.laws.dmt(work=1e-3), "dmt with lever arms R"),
         (arms(ss.laws.dmt(work=1e-3, damping="tsuji", damping_n=0.5)), "does not have these dashpots for dmt"),
         (arms(ss.laws.dmt(work=1e-3, tension=False)), "tension = false with dmt"),

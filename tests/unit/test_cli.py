@@ -90,7 +90,7 @@ def test_unwritable_folders(tmp_path):
     assert "is a file, not a folder" in run.stderr
     run = stickslip("run", scenario, "--out", "/proc/stickslip")
     assert run.returncode == 2
-    assert "cannot be written" in run.stderr
+    assert "cannot write to the folder" in run.stderr
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,7 @@ def test_only_one_of_many_holds_the_lock_at_a_time(tmp_path):
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-@pytest.mark.parametrize(("make", "sentence"), [("file", "is a file, not a folder"), ("shut", "cannot be written")])
+@pytest.mark.parametrize(("make", "sentence"), [("file", "is a file, not a folder"), ("shut", "cannot write to")])
 def test_folders_that_cannot_be_held(make, sentence, tmp_path):
     place = tmp_path / "out"
     if make == "file":

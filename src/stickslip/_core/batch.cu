@@ -1,4 +1,4 @@
-// Many systems side by side on a graphics processor; compiled at run time, see `core/dynamics/device.py`.
+// Many systems side by side on a graphics processor; compiled at run time (see `core/dynamics/device.py`).
 #include "batch.h"
 
 extern "C" {

@@ -460,7 +460,7 @@ struct Sample : Slot {  // the rest of the view of `observables.h`
   }
 };
 
-// Motion and loads of a rigid group, see `write_groups` in `core/dynamics/record.py`.
+// Motion and loads of a rigid group (see `write_groups` in `core/dynamics/record.py`).
 template <class Team>
 inline void write_group(const Slot &slot, const Team &team, const int64_t *members, double *row) {
   const Batch &b = slot.batch;

@@ -1,4 +1,4 @@
-"""Build the compiled core: one shared library for each level of processors, beside the sources.
+"""Build the compiled core: one shared library for each processor level, next to the sources.
 
     python src/stickslip/_core/build.py [--all | --level base] [--force] [--verbose]
     python src/stickslip/_core/build.py --sanitize address,undefined --out DIR
@@ -182,7 +182,7 @@ def library_path(level: str, folder: Path | None = None) -> Path:
 
 
 def stamp(path: Path) -> dict[str, str]:
-    """Digest, compiler, command, target and sanitizers as stored in a library; empty if there is no whole one."""
+    """Digest, compiler, command, target and sanitizers as stored in a library; empty without a complete library."""
     content = path.read_bytes() if path.is_file() else b""
     mark = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", content)
     return json.loads(mark[1]) if mark and not _is_truncated(content) else {}
@@ -197,7 +197,7 @@ def _is_truncated(content: bytes) -> bool:
 
 
 def library(level: str) -> Path:
-    """Path of the library of a level. An error if there is none, or if it was built from other sources."""
+    """Path of the library of a level; raise an error if there is none, or if it was built from other sources."""
     path, command = library_path(level), [sys.executable, str(HERE / "build.py")]
     command += ["--level", level] if level in LEVELS else []
     command += ["--out", str(path.parent)] if path.parent != HERE else []
@@ -259,7 +259,7 @@ def build(
     Raises
     ------
     BuildError
-        if there is no compiler, if it fails, or if a file cannot be written. Libraries that exist are unchanged.
+        If there is no compiler, if it fails, or if a file cannot be written. Existing libraries are left unchanged.
     """
     start, out = time.perf_counter(), out or folder
     wanted = {"digest": digest(folder), "sanitize": sanitize}
@@ -363,7 +363,7 @@ def _cores() -> int:
 
 
 def _make(target: Path, command: list, scratch: Path, verbose: bool) -> None:
-    """Run a compiler or linker in a way that a target that exists is complete."""
+    """Run a compiler or linker such that an existing target is always complete."""
     part = scratch / f".{os.getpid()}-{target.name}"
     command = [*command, "-o", part]
     if verbose:

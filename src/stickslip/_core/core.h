@@ -2,7 +2,7 @@
 // per declaration; `len_x` is filled with len(x), and `width_x` with the number of its columns. Pointers may be null if
 // a comment states it. See `core.fields` for shapes and ranges of the fields of a state.
 #pragma once
-#ifdef __CUDACC_RTC__  // compiles at run time, without the headers of the system
+#ifdef __CUDACC_RTC__  // compiled at run time, without system headers
 typedef signed char int8_t;
 typedef unsigned char uint8_t;
 typedef short int16_t;
@@ -40,7 +40,7 @@ struct Bodies {
   int64_t len_normal;
 };
 
-// first columns of `Contacts.rolling`, see `core/contacts/rolling.py`: ψ; angle_i − angle_j; whether ψ is at its cap; with
+// first columns of `Contacts.rolling` (see `core/contacts/rolling.py`): ψ; angle_i − angle_j; whether ψ is at its cap; with
 // twisting the twist, and whether it is at its cap
 constexpr int64_t ANCHOR = 3, AT_CAP = 6, TWIST = 7, TWIST_AT_CAP = 8;
 
@@ -174,7 +174,7 @@ API int64_t find_runaway(const Moving *moving, double dt);  // first that moves 
 
 // ---- contact laws
 
-// A function of a user-defined law for n contacts of one pair of materials, see `laws.user`. If the law has additional
+// A function of a user-defined law for n contacts of one pair of materials (see `laws.user`). If the law has additional
 // memory, n is one, and `memory` is that of the contact
 typedef void (*LawFunction)(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
                             const double *memory, double *one, double *two);
@@ -575,7 +575,7 @@ API void linearise_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, 
 
 // ---- rate-and-state friction
 
-// A surface and the spring that pulls it, see `friction.laws`; stiffness and damping are over the normal stress
+// A surface and the spring that pulls it (see `friction.laws`); stiffness and damping are over the normal stress
 struct Slider {
   double a;
   double b;

@@ -7,7 +7,7 @@
 
 namespace {
 
-constexpr int64_t TOGETHER = 64;  // cells, or unknowns, that fit into the fastest memory; loops over them have no branches
+constexpr int64_t TOGETHER = 64;  // cells or unknowns that fit into the fastest memory; loops over these have no branches
 constexpr double CLOSE = 1e-8;    // step of w after which Newton's method has converged to round-off
 
 struct Cells {

@@ -1,5 +1,5 @@
 // build: -ffp-contract=fast
-// Leapfrog of many vectors at once, see `solve.probes`; and sums of fronts, see `solve.linear`.
+// Leapfrog of many vectors at once (see `solve.probes`), and sums of fronts (see `solve.linear`).
 #include <string.h>
 
 #include "core.h"
@@ -43,7 +43,7 @@ static void move(int64_t rows, const int64_t *bucket, const float *signs, float 
   }
 }
 
-// filtered += weights · q of the vector that each sum takes.
+// Adds weights · q to the filtered sums; row i takes the vector lane[i] of q for each sum.
 static void filter(int64_t rows, const int64_t *lane, const float *weights, const float *q, float *filtered) {
   for (int64_t i = 0; i < rows; i++) {
     const float *from = q + i * VECTORS_AT_ONCE;

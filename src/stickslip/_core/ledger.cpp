@@ -1,4 +1,4 @@
-// One step of the energy ledger, see `core/dynamics/ledger.py`.
+// One step of the energy ledger (see `core/dynamics/ledger.py`).
 #include <math.h>
 
 #include "blocks.h"

@@ -5,7 +5,7 @@
 #pragma once
 #include "laws.h"
 
-constexpr double MIN_WEIGHT = 0.6;  // of an increment, see `turning_weight`; above 1/2, so that a slip can reverse
+constexpr double MIN_WEIGHT = 0.6;  // of an increment (see `turning_weight`); above 1/2, so that a slip can reverse
 // Round-off of a slip and of its limit, in units of R_i + R_j: a sliding contact slides until its slip is shorter than
 // the limit by more. Positions far from the origin, other orders of arithmetic and solver tolerances cause smaller
 // differences.
@@ -91,8 +91,8 @@ struct Transport {
   T fade;            // factor by which the law changed the slip
 };
 
-// The slip s transported through a displacement dr and a rotation d(roll), up to the normal n; `kept`: factor of its
-// change with k_t.
+// Slip s after a displacement d and a rotation d(roll), which end at the normal n. A law may shorten it as k_t changes,
+// by the factor `kept`.
 template <class T>
 inline Transport<T> transport_slip(const Law &law, bool rate, Vec<T> n, T inverse, T overlap, Vec<T> d, Vec<T> roll,
                                    Vec<T> s, T kept = T{} + 1.0) {

@@ -9,7 +9,7 @@
 struct Seen : Pair {  // a closed contact
   bool slides;
   Vec<double> force;  // elastic, on i
-  bool apart;  // its virial is added up apart
+  bool apart;  // its virial is summed separately
   double part;  // 1, or 1/2 if it is met from both of its grains
   double ends;  // grains from which it is met here
 };

@@ -1,4 +1,4 @@
-// Assignment of pairs to blocks, see blocks.h; memory of blocks; copies of bodies and contacts between the state and memory
+// Assignment of pairs to blocks (see blocks.h); memory of blocks; copies of bodies and contacts between the state and memory
 // order; displacement limits of the blocks.
 #include <math.h>
 

@@ -1,5 +1,5 @@
 // build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only
-// Descent of the elastic energy by FIRE, see `solve.equilibrate`.
+// Descent of the elastic energy by FIRE (see `solve.equilibrate`).
 #include <string.h>
 
 #include "pairs.h"

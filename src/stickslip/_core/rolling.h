@@ -1,4 +1,4 @@
-// Moments that resist rolling and twisting, with memory, see `core/contacts/rolling.py`.
+// Moments that resist rolling and twisting, with memory (see `core/contacts/rolling.py`).
 #pragma once
 #include "mechanics.h"
 #include "pairs.h"
@@ -81,7 +81,7 @@ struct RotationStep {
   double round_off;   // of a rotation
 };
 
-// Treatment of the memory of a rotation, see `agrees`.
+// Treatment of the memory of a rotation (see `agrees`).
 struct Keeping {
   double slack;
   bool slid, held, kept;  // its moment is that of the memory; the memory is kept

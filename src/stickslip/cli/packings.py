@@ -141,7 +141,7 @@ class MethodOptions(NamedTuple):
             "--method", help="auto, fastest, all, certify, dense or pairs.", autocompletion=complete_from(METHODS)
         ),
     ] = "auto"
-    fastest: Annotated[bool, typer.Option("--fastest", help="Find the fastest growing pair only.")] = False
+    fastest: Annotated[bool, typer.Option("--fastest", help="Find the fastest-growing pair only.")] = False
     every: Annotated[bool, typer.Option("--all", help="Find all complex pairs.")] = False
     certify: Annotated[
         bool, typer.Option("--certify", help="Also certify the real eigenvalues; reports the estimated time first.")

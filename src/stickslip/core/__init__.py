@@ -1,1 +1,1 @@
-"""The compiled core and the data that it operates on; the only dependency is NumPy, and Numba for user-defined laws."""
+"""The compiled core and the data that it operates on; needs only NumPy, and Numba for user-defined laws."""

@@ -1,8 +1,8 @@
-"""Checks of the arguments of public functions, made once per call by a user.
+"""Argument checks of public functions, made once per user call.
 
-`checked` compares arguments with annotations. It does so only when a user calls the package, not when public functions
-call each other. For parts of a state, laws and other values with a method `check_entries`, this method is called,
-because compiled code does not check bounds of arrays.
+`checked` compares arguments with annotations when a user calls the package, but not when public functions call each
+other. If a value, such as a law or a part of a state, has a method `check_entries`, this method is called, because
+compiled code does not check array bounds.
 
 Supported annotations: `int`, `float`, `complex`, `bool`, `str`, `None`, classes of this package and of the
 standard library, `Callable`, `np.ndarray`, unions, `list[…]`, `tuple[…]`, `dict[…]`, `Literal[…]`, and `Annotated[…]`
@@ -48,7 +48,7 @@ class Requirement(NamedTuple):
 
 
 class Result(NamedTuple):
-    """Annotation of a value by the attributes or keys of a class that cannot be imported there."""
+    """Annotation of a value by the attributes or keys of a class, for modules that cannot import this class."""
 
     name: str
     attributes: tuple[str, ...] = ()
@@ -56,13 +56,13 @@ class Result(NamedTuple):
 
 
 def require_filled(name: str, value) -> None:
-    """Raise ValueError with a one-sentence message if a list or dictionary is empty."""
+    """Raise ValueError if a list or dictionary is empty."""
     if not len(value):
         raise ValueError(f"{name} is empty: give at least one entry")
 
 
 def require_positive(**values) -> None:
-    """Raise ValueError with a one-sentence message if a value is not positive and within the range of a state."""
+    """Raise ValueError if a value is not positive and within the range of a state."""
     for name, value in values.items():
         if not 1 / LARGEST <= value <= LARGEST:
             range_ = f", from {1 / LARGEST:g} to {LARGEST:g}: use other units" if 0 < value < np.inf else ""
@@ -70,7 +70,7 @@ def require_positive(**values) -> None:
 
 
 def require_not_negative(**values) -> None:
-    """Raise ValueError with a one-sentence message if a value is negative or not finite; None is ignored."""
+    """Raise ValueError if a value is negative or not finite; None is ignored."""
     for name, value in values.items():
         if value is not None and not 0 <= value <= LARGEST:
             range_ = f", at most {LARGEST:g}" if value > 0 else ""
@@ -78,13 +78,13 @@ def require_not_negative(**values) -> None:
 
 
 def require_unmasked(name: str, value) -> None:
-    """Raise ValueError with a one-sentence message if an array has masked entries, which would count as numbers."""
+    """Raise ValueError if an array has masked entries, which would count as numbers."""
     if np.ma.is_masked(value):
         raise ValueError(f"{name} has masked entries: leave them out")
 
 
 def one_of(*allowed) -> Requirement:
-    """Requirement that a value is one of those in a table; use `Literal` for values listed at the argument."""
+    """Requirement that a value is in a table; use `Literal` for values listed in the signature."""
 
     def check(name, value):
         if not any(isinstance(value, type(one)) and value == one for one in allowed):
@@ -119,9 +119,9 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     Raises
     ------
     TypeError
-        if an argument has another type, with a one-sentence message.
+        If an argument has the wrong type.
     ValueError
-        if a number is NaN or not whole where it must be, or if an entry of a state is not allowed.
+        If a number is NaN, or not whole where an integer is required, or if an entry of a state is not allowed.
     """
 
     @wraps(function)
@@ -158,13 +158,13 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def knows_bonds(function: Callable[P, R]) -> Callable[P, R]:
-    """Mark a function, below `checked`, as correct for states with bonds; `checked` rejects bonds otherwise."""
+    """Mark a function as correct for states with bonds, which `checked`, applied afterwards, rejects otherwise."""
     _KNOW_BONDS.add(function)
     return function
 
 
 def _refuse_bonds(function, values) -> None:
-    """Raise ValueError if a state has bonds, and a function would ignore them."""
+    """Raise ValueError if a state has bonds that a function would ignore."""
     if function not in _KNOW_BONDS and any(getattr(value, "bonds", None) is not None for value in values):
         raise ValueError(f"{function.__name__}() does not support bonds yet: remove them with packings.without_bonds")
 
@@ -177,12 +177,12 @@ def check_value(name: str, value, annotation, *, given: bool = False) -> None:
 
 
 def check_types(values: tuple) -> None:
-    """Check all fields of a NamedTuple that users make, by their annotations and the shapes that comments state."""
+    """Check all fields of a user-made NamedTuple against their annotations and the shapes stated in comments."""
     _check_fields("", values, given=True)
 
 
 def check_computed(values: tuple) -> None:
-    """Check all fields of a NamedTuple that a function made, as `check_types` does; numbers may be NaN."""
+    """Check all fields of a NamedTuple made by a function, as `check_types` does; numbers may be NaN."""
     _check_fields("", values, given=False)
 
 
@@ -205,7 +205,7 @@ def _fields(kind, given: bool) -> list[tuple[str, Callable[[str, Any], Any] | No
 
 
 def _check_sizes(name: str, got: tuple[int, ...], shape: tuple[str, ...], sizes: dict[str, tuple[str, int]]) -> None:
-    """Raise ValueError if a shape differs from the stated one; letters stand for the same size in all fields."""
+    """Raise ValueError if a shape differs from the stated one; a letter stands for the same size in all fields."""
     wanted = [int(part) if part.isdigit() else sizes.get(part, (name, None))[1] for part in shape]
     if len(got) != len(shape) or any(size not in (None, n) for n, size in zip(got, wanted, strict=True)):
         others = sorted({f"{sizes[part][0]} has {part} = {sizes[part][1]}" for part in shape if part in sizes})
@@ -484,7 +484,7 @@ def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
 
 
 def require_options(function: Callable, options: Iterable[str]) -> None:
-    """Raise TypeError with a one-sentence message if a function has no option of a name."""
+    """Raise TypeError if a function has no option with this name."""
     parameters = inspect.signature(function).parameters.values()
     names = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
     for name in options:
@@ -493,14 +493,14 @@ def require_options(function: Callable, options: Iterable[str]) -> None:
 
 
 def require_index(count: int, **values) -> None:
-    """Raise ValueError with a one-sentence message if a value is not an index from 0 to `count` − 1."""
+    """Raise ValueError if a value is not an index from 0 to `count` − 1."""
     for name, value in values.items():
         if not 0 <= value < count:
             raise ValueError(f"{name} must be from 0 to {count - 1}, got {value}")
 
 
 def require_shape(shape: tuple[int, ...], **values) -> None:
-    """Raise ValueError with a one-sentence message if a value has another shape."""
+    """Raise ValueError if a value does not have this shape."""
     for name, value in values.items():
         if np.shape(value) != shape:
             raise ValueError(f"{name} must have shape {shape}, got {np.shape(value)}")

@@ -92,7 +92,7 @@ def force_controlled(control: Control, bodies: Bodies, force: Numbers) -> Contro
 
 @checked
 def strained_at(control: Control, rate: Annotated[Any, Array(shapes=((2, 2), (3, 3)))]) -> Control:
-    """Control in which the cell deforms at a velocity gradient L and carries the grains along: ẋ = v + L x.
+    """Control in which the cell deforms with a velocity gradient L and carries the grains along: ẋ = v + L x.
 
     Components that follow the stress (`stress_controlled`) stay free where `rate` is zero. Shear at constant pressure
     therefore needs both calls.
@@ -136,7 +136,7 @@ def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, m
     Raises
     ------
     ValueError
-        if a component does not consist of two letters, each of them x, y or z.
+        If a component does not consist of two letters, each of them x, y or z.
     """
     if not isinstance(stress, dict):
         tensor = as_numbers(stress)

@@ -68,7 +68,7 @@ COURSE_DTYPE = np.int16  # type of column numbers; small, because there are nine
 
 
 class Field(NamedTuple):
-    """Type, shape and range of an entry. Sizes and bounds may be names of sizes, see `_sizes`."""
+    """Type, shape and range of an entry. Sizes and bounds may be names of sizes (see `_sizes`)."""
 
     dtype: type
     shape: tuple[int | str | None, ...] | None = None  # None: a scalar, or any length
@@ -142,7 +142,7 @@ _ENTRIES = {part: tuple(_prepare_check(part, *one) for one in fields.items()) fo
 
 
 def check_parts(parts: Mapping[str, Any]) -> None:
-    """Raise ValueError with a one-sentence message if an entry of a state, or of parts of it, is not allowed.
+    """Raise ValueError if an entry of a state, or of parts of it, is not allowed.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def _sum_squares(values: np.ndarray) -> float:
 
 
 def check_entry(name: str, value, field: Field, sizes: Mapping[str, int]) -> None:
-    """Raise ValueError with a one-sentence message if an entry does not have the type, shape and range of a field."""
+    """Raise ValueError if an entry does not have the type, shape and range of a field."""
     _check_type(name, value, field)
     _check_shape(name, value, field, sizes)
     _check_range(name, value, field, sizes)

@@ -130,7 +130,7 @@ class _Core:
             if value.dtype is not dtype and value.dtype != dtype:
                 raise TypeError(f"{name} has type {value.dtype}: the compiled core needs {dtype}")
             if not value.flags.c_contiguous:
-                raise TypeError(f"{name} is not contiguous: the compiled core needs numpy.ascontiguousarray")
+                raise TypeError(f"{name} is not contiguous: pass it through numpy.ascontiguousarray")
             return _data(value)
 
         dtype = _DTYPES.get(kind)

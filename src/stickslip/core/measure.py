@@ -50,7 +50,7 @@ Committed = Annotated[State, Requirement(require_committed)]
 @checked
 @knows_bonds
 def touching(state: Committed) -> np.ndarray:
-    """Rows of contacts in the contact list: of pairs that touch, and of pairs that a law joins across a gap.
+    """Rows of the contact list whose pairs touch, or are joined across a gap by a law or bond.
 
     Bonds, `jkr`, `liquid_bridge` and user-defined laws with `contact_range` act across gaps; `overlaps` is negative
     there.
@@ -172,7 +172,7 @@ def wrapped(state: State) -> np.ndarray:
 
 
 def periodic_box(state: State) -> np.ndarray:
-    """Numbers of the periodic image of the cell in which each grain is, (N, 3); zero along other directions."""
+    """Indices of the periodic image of the cell that contains each grain, (N, 3); zero along other directions."""
     cell = state.cell
     used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
     return np.where(cell.periodic, np.floor(state.grains.position @ np.linalg.inv(used)), 0.0).astype(np.int64)
@@ -232,7 +232,7 @@ def least_supports(law: Law, dim: int) -> int:
 
 
 def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Unit of each body, (N + W,), the first member of its rigid group; and supports other than contacts, (N + W,)."""
+    """First member of the rigid group of each body, (N + W,), and its supports other than contacts, (N + W,)."""
     control, dim = state.control, state.cell.dim
     free, load = control.free[:, :dim], control.force[:, :dim].copy()
     load[: len(state.grains.mass)] += np.outer(state.grains.mass, control.gravity[:dim])

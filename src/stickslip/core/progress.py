@@ -41,7 +41,7 @@ class Size(NamedTuple):
 
 
 def require_sizes(sizes: Iterable[Size], error: type[ValueError] = ValueError) -> None:
-    """Raise an error with one sentence at the first size beyond its limit.
+    """Raise an error at the first size beyond its limit.
 
     Sizes are computed one after another, so that an earlier one can bound the work of computing a later one.
 
@@ -70,7 +70,7 @@ def available_cores() -> int:
 
 
 def cpu_quota(groups: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")) -> float:
-    """Processor time per time that the control groups of this process allow, infinite without a limit.
+    """Processor time per unit of time that the control groups of this process allow; infinite without a limit.
 
     Source: Linux kernel, Documentation/admin-guide/cgroup-v2.rst, cpu.max; scheduler/sched-bwc.rst for version 1.
     """
@@ -118,7 +118,7 @@ def within(
     Parameters
     ----------
     begin, end : fractions of the whole at which the part begins and ends
-    stage, prefix : name of the stage, instead of that of the part, and a prefix of the text
+    stage, prefix : stage name that replaces that of the part, and prefix of the stage name
 
     Examples
     --------
@@ -130,7 +130,7 @@ def within(
 
 @contextmanager
 def _line_on_terminal(text: str) -> Iterator[None]:
-    """Show a line on standard error during a task, if it is a terminal and this is not a worker process."""
+    """Show a line on standard error during a task, if that is a terminal and this is not a worker process."""
     stream = sys.stderr
     if stream is None or not stream.isatty() or os.environ.get("TERM") == "dumb" or parent_process():
         yield
@@ -228,7 +228,7 @@ def _rows(outcome: Outcome):
 
 
 class NotInEquilibriumError(RuntimeError):
-    """Error for a run that did not reach a required equilibrium; `outcome` is the outcome of the solve."""
+    """Raised if a run does not reach a required equilibrium; `outcome` is that of the solve."""
 
     def __init__(self, sentence: str, outcome: Outcome):
         super().__init__(f"{sentence}: {outcome}")

@@ -42,7 +42,7 @@ def readable(kind=None, *, head=None, rows=None, picture=None):
 
 
 def _equal(a, b) -> bool:
-    """Return True if two values are equal in all entries, also in those of arrays; NaN equals NaN."""
+    """Return True if two values are equal in all entries, including those of arrays; NaN equals NaN."""
     if a is b:
         return True
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
@@ -96,7 +96,7 @@ def _is_given(value) -> bool:
 
 
 def _without_blanks(row: tuple) -> tuple:
-    """Row without the empty texts at its end."""
+    """Row without trailing empty texts."""
     return _without_blanks(row[:-1]) if row and isinstance(row[-1], str) and not row[-1] else row
 
 

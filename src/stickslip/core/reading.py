@@ -1,8 +1,8 @@
 """Bounded reading of foreign files: declared sizes are compared with the size of the file before memory is allocated.
 
 `read_bytes` opens a file, a `Budget` counts the memory of its decompressed content, and a `Reader` returns bytes one
-after another, so that a length in a file can only move forwards, and within the file. MATLAB files up to version 7 are
-checked before SciPy reads them, because wrong lengths may crash SciPy.
+after another, so that a length in a file can only move the position forwards, and within the file. MATLAB files up to
+version 7 are checked before SciPy reads them, because wrong lengths may crash SciPy.
 
 Source: MathWorks, MAT-File Format, level 5: a header of 128 bytes, then elements, each with a type, a length and data.
 """
@@ -31,9 +31,9 @@ def read_bytes(path: str | Path, *, remedy: str, size: int = -1) -> bytes:
     Raises
     ------
     ValueError
-        with a one-sentence message, if it is a device or a pipe, or larger than 8 GiB.
+        If it is a device or a pipe, or larger than 8 GiB.
     OSError
-        if it cannot be read.
+        If it cannot be read.
     """
     check_regular_file(path, remedy)
     with open(path, "rb") as file:
@@ -56,7 +56,7 @@ def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = 
     Raises
     ------
     Exception
-        of NumPy, zipfile, zlib or this module, if the file is damaged or lacks one of the names.
+        Any of NumPy, zipfile, zlib or this module, if the file is damaged or lacks one of the names.
     """
     content = read_bytes(path, remedy=remedy)
     budget = Budget(path, len(content), remedy=remedy)
@@ -91,7 +91,7 @@ class Budget:
         self.left = self.most = max(LARGE, EXPANDS * stored)
 
     def take(self, size: int, what: str = "content") -> None:
-        """Count bytes that are about to be allocated; raises `error` with a one-sentence message if too many."""
+        """Count bytes that are about to be allocated; raise `error` if there are too many."""
         if not 0 <= size <= self.left:
             raise self.error(
                 f"{self.path} has {self.stored / 1e6:.3g} MB, but its content with its {what} would need more than "
@@ -249,7 +249,7 @@ def _check_parts(reader: Reader, order: str, budget: Budget, depth: int, kind: i
 
 
 def _numbers(reader: Reader, order: str, *kinds: int) -> bytes:
-    """Data of the next element, which must be of one of some types."""
+    """Data of the next element, which must be one of the given types."""
     got, data = _element(reader, order)
     if got not in kinds or len(data) % WIDTHS[got]:
         raise ValueError(f"an element of type {got} with {len(data)} bytes instead of type {kinds[0]}")

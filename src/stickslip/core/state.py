@@ -32,7 +32,7 @@ class Grains(NamedTuple):
     material: np.ndarray  # (N,) row of the law's table
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        """Raise ValueError if an entry is not allowed (see `fields`)."""
         check_parts({"grains": self})
 
 
@@ -47,7 +47,7 @@ class Walls(NamedTuple):
     material: np.ndarray  # (W,)
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        """Raise ValueError if an entry is not allowed (see `fields`)."""
         check_parts({"walls": self})
 
 
@@ -64,7 +64,7 @@ class Cell(NamedTuple):
     rate: np.ndarray  # (3, 3) velocity gradient L_ab = ∂v_a/∂x_b; each vector h changes as L h [1/time]
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        """Raise ValueError if an entry is not allowed (see `fields`)."""
         check_parts({"cell": self})
 
 
@@ -97,7 +97,7 @@ class Contacts(NamedTuple):
     )
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        """Raise ValueError if an entry is not allowed (see `fields`)."""
         check_parts({"contacts": self})
 
 
@@ -134,7 +134,7 @@ class Control(NamedTuple):
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        """Raise ValueError if an entry is not allowed (see `fields`)."""
         check_parts({"control": self})
 
 
@@ -162,10 +162,10 @@ class Bonds(NamedTuple):
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
     form: np.ndarray  # (K,) int8: combination of strengths, see `bond_shares`
     fading: np.ndarray  # (K,) int8: power of the share of the strength by which loads fade before failure, or 0
-    failed: np.ndarray  # (K,) int8: load that broke it, see `FAILURES`; 0 for intact ones, or if it is not known
+    failed: np.ndarray  # (K,) int8: load that broke it (see `FAILURES`); 0 for intact ones, or if it is not known
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        """Raise ValueError if an entry is not allowed (see `fields`)."""
         check_parts({"bonds": self})
 
 
@@ -199,7 +199,7 @@ class State(NamedTuple):
         return len(self.grains.radius) + len(self.walls.mass)
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry is not allowed or if parts contradict each other."""
+        """Raise ValueError if an entry is not allowed or if parts contradict each other."""
         parts = {name: part for name, part in zip(self._fields, self, strict=True) if name != "time"}
         parts = {name: part for name, part in parts.items() if part is not None or name not in ("instant", "bonds")}
         check_parts(parts | {"": self})
@@ -211,7 +211,7 @@ class State(NamedTuple):
 def as_numbers(value, dtype=float) -> np.ndarray:
     """Array of real or whole numbers.
 
-    Raise ValueError with a one-sentence message if a value cannot be converted exactly.
+    Raise ValueError if a value cannot be converted exactly.
     """
     array = np.asarray(value)
     if array.dtype.kind not in "biufO" or any(isinstance(v, complex) for v in array.ravel() if array.dtype.kind == "O"):
@@ -451,7 +451,7 @@ def assembly(
     Raises
     ------
     ValueError
-        with a one-sentence message, if the parts do not fit together or hold invalid values, or if the centre of a
+        If the parts do not fit together or hold invalid values, or if the centre of a
         grain is behind a wall.
     """
     walls = flat_walls() if walls is None else walls
@@ -479,7 +479,7 @@ def _are_disks(grains: Grains) -> bool:
 @checked
 @knows_bonds
 def check(state: State) -> None:
-    """Raise ValueError with a one-sentence message if a state is not valid."""
+    """Raise ValueError if a state is not valid."""
     state.check_entries()
     grains, skin = state.grains, state.contacts.skin
     if len(grains.radius) > MAX_IN_CUBE:
@@ -493,7 +493,7 @@ def check(state: State) -> None:
 
 
 def _check_space(state: State) -> None:
-    """Raise ValueError with a one-sentence message if cell or walls are degenerate."""
+    """Raise ValueError if cell or walls are degenerate."""
     walls, cell = state.walls, state.cell
     if not len(state.grains.radius):
         raise ValueError("a state needs at least one grain")
@@ -545,7 +545,7 @@ def cell_volumes(vectors: np.ndarray, periodic: np.ndarray, dim: int) -> np.ndar
     Raises
     ------
     ValueError
-        if the cells are not periodic in all their dimensions.
+        If the cells are not periodic in all their dimensions.
     """
     if not periodic[:dim].all():
         raise ValueError("the cell is not periodic along all its axes: it has no volume to average over")
@@ -559,7 +559,7 @@ def deforms(state: State) -> bool:
 
 
 def _check_control(state: State) -> None:
-    """Raise ValueError with a one-sentence message if the control contradicts itself or the cell."""
+    """Raise ValueError if the control contradicts itself or the cell."""
     control, cell = state.control, state.cell
     for members in groups(control):
         if not len(members):
@@ -663,7 +663,7 @@ def _describe_state(state: State) -> str:
 
 
 def _rows(state: State):
-    """Rows of a table of a state. It has no pressure, which depends on the law."""
+    """Table rows of a state, without the pressure, which depends on the law."""
     grains, cell = state.grains, state.cell
     yield "grains", pluralize(len(grains.radius), "disk" if cell.dim == 2 else "sphere")
     yield "radii", grains.radius, "length"

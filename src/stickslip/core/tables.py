@@ -59,7 +59,7 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
     Raises
     ------
     ValueError
-        with a one-sentence message that names the line.
+        If the file is not a table; the message names the line.
     """
     try:
         text = read_text(path, remedy=remedy, fallback="cp1252")
@@ -83,7 +83,7 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
 def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None) -> list[tuple[int, list[str]]]:
     """Number and fields of each numbered line; separated by `mark`, or by white space if it is None.
 
-    Decimal commas, between quotation marks if commas separate, become points, and marks between groups of three digits
+    Decimal commas, which are in quotation marks if commas separate the fields, become points, and thousands separators
     are removed. Files with both points and commas are rejected if either may separate thousands throughout.
     """
     if mark is None:
@@ -104,7 +104,7 @@ def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None)
 
 
 def marks_of_groups(field: str) -> str:
-    """Marks that may separate groups of three digits in a number, if they cannot be decimal marks; empty otherwise."""
+    """Thousands separators in a number, if they cannot be decimal marks; empty otherwise."""
     for marks, form in _GROUPED.items():
         if (number := form.match(field)) and (number[2] or marks not in ",." or number[1].count(marks) > 1):
             return marks
@@ -112,7 +112,7 @@ def marks_of_groups(field: str) -> str:
 
 
 def _without_groups(field: str, marks: str) -> str:
-    """Number without marks between groups of three digits; other fields are unchanged."""
+    """Number without thousands separators; other fields are unchanged."""
     number = _GROUPED[marks].match(field)
     return re.sub(f"[{marks}]", "", number[1]) + (number[2] or "") if number else field
 

@@ -28,15 +28,15 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
     Raises
     ------
     ValueError
-        with a one-sentence message, if it is not a regular file of UTF-8 text.
+        If it is not a regular file of UTF-8 text.
     OSError
-        if the file cannot be read.
+        If the file cannot be read.
     """
     return decode_text(read_bytes(path, remedy=remedy), path, remedy=remedy, fallback=fallback)
 
 
 def decode_text(content: bytes, path: str | Path, *, remedy: str, fallback: str | None = None) -> str:
-    r"""Text of the bytes of a file, with line endings converted to \n; `path` is for messages, see `read_text`."""
+    r"""Text of the bytes of a file, with line endings converted to \n; `path` is for messages (see `read_text`)."""
     if has_wide_letters(content):
         raise ValueError(f"{path} is text in UTF-16 or UTF-32: save it as UTF-8")
     if b"\0" in content:
@@ -75,7 +75,7 @@ class SentenceError(ValueError):
 
 
 def bounded(sentence: str) -> str:
-    """Return a message shortened in the middle, in a quoted value; its beginning and end, the remedy, are kept."""
+    """Shorten a message inside a quoted value; its beginning, and its end with the remedy, are kept."""
     sentence = printable(sentence)
     if len(sentence) <= LONGEST:
         return sentence

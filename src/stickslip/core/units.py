@@ -94,7 +94,7 @@ def units_from(given, dim: int = 3) -> Units:
     Raises
     ------
     ValueError
-        with a one-sentence message, if they cannot be used.
+        If they cannot be used.
 
     Examples
     --------
@@ -137,7 +137,7 @@ def _per_length(power: int) -> str:
 
 
 def _product(unit: str, units: Units) -> str:
-    """Unit as a product of powers of the names of units."""
+    """Unit as a product of powers of unit names."""
     above, _, below = unit.partition("/")
     total: dict[str, int] = {}
     for side, sign in ((above, 1), (below, -1)):
@@ -231,7 +231,7 @@ def in_readable_units(values, unit: str) -> tuple:
 class Fields(dict):
     """Values by name, with units for an archive.
 
-    Units are given by name, or those of the fields of the same names in the first NamedTuple that has them.
+    Units are given by name, or taken from the first NamedTuple that has fields of the same names.
     """
 
     def __init__(self, values, *kinds: type, **units: str):

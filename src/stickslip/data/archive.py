@@ -56,7 +56,7 @@ class ArchiveError(SentenceError):
 
 @contextmanager
 def refuse_damage(path, kind: str, remedy: str) -> Iterator[None]:
-    """Raise ArchiveError with a one-sentence message for any error caused by a damaged file."""
+    """Raise ArchiveError for any error caused by a damaged file."""
     try:
         yield
     except ArchiveError:
@@ -263,7 +263,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     Raises
     ------
     OSError
-        if the file cannot be written; an existing file is left unchanged.
+        If the file cannot be written; an existing file is left unchanged.
     """
     import h5py  # on demand, because checkpoints do without it
 
@@ -309,7 +309,7 @@ def read(path: str | Path, *, nouns: Iterable[type] = (), remedy: str = REMEDY) 
     Raises
     ------
     ArchiveError
-        if the file is not an archive, is truncated, or has a schema that this version does not read.
+        If the file is not an archive, is truncated, or has a schema that this version does not read.
     """
     known = known_nouns(nouns)
     with _open(path, remedy) as file:

@@ -174,7 +174,7 @@ class Checkpoint(NamedTuple):
         Raises
         ------
         ArchiveError
-            if the piece belongs to another scenario, version or part, or to an unknown law, or is damaged.
+            If the piece belongs to another scenario, version or part, or to an unknown law, or is damaged.
         """
         piece = self._find()[name]
         with _refuse_damage(piece.path):
@@ -196,9 +196,8 @@ class Checkpoint(NamedTuple):
     def _check(self, about: dict) -> None:
         if about and about["scenario"] != self.scenario:
             raise ArchiveError(
-                f"{self.folder} was computed for another scenario than that of the folder, perhaps with another law: "
-                "restore "
-                f"that scenario, or run the new one with --overwrite"
+                f"{self.folder} was computed for a scenario other than that of the folder, perhaps with another law: "
+                "restore that scenario, or run the new one with --overwrite"
             )
         if about and about["stickslip"] != __version__:
             raise ArchiveError(
@@ -222,7 +221,7 @@ def _refuse_damage(path: Path):
 
 
 def read_index(path: Path) -> Index:
-    """Index of a file of pieces; ArchiveError if it does not identify their owner."""
+    """Index of a file of pieces; raise ArchiveError if it does not identify their owner."""
     with _refuse_damage(path):
         with path.open("rb") as file:  # only the records appended since the last call
             first = file.read(_FRAME.size)

@@ -51,7 +51,7 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
     Raises
     ------
     ValueError
-        with a one-sentence message.
+        If the file cannot be used.
     """
     try:
         content = read_bytes(path, remedy=REMEDY)
@@ -73,7 +73,7 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
 def _text_sheet(
     path: Path, text: str, known: Callable[[str], bool], named: bool, example: str, remedy: str
 ) -> Sheet:  # fmt: skip
-    """Rows of numbers, below the line of headings and perhaps one of units."""
+    """Parse a text table: a header line, optionally a line of units, and rows of numbers."""
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip()]
     body = [(k, line) for k, line in lines if not COMMENT.match(line)]
     first, mark = _find_numbers(body)
@@ -127,7 +127,7 @@ def _is_number(field: str) -> bool:
 
 
 def _split_titles(line: str, mark: str | None, width: int) -> list[str]:
-    """Headings of a line; between blanks, a unit in brackets belongs to the word before it."""
+    """Headings in a line; if they are separated by blanks, a unit in brackets belongs to the preceding word."""
     if mark is not None:
         try:
             return [title.strip() for title in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]

@@ -144,7 +144,7 @@ class Wanted(NamedTuple):
 
 
 class LaboratoryTable(NamedTuple):
-    """Sheet of a file, and the wanted columns in it."""
+    """Sheet of a file, with the columns that are wanted from it."""
 
     path: Path
     wanted: Wanted
@@ -229,7 +229,7 @@ def open_table(path: Path, wanted: Wanted, named: dict[str, int | str] | None = 
     Raises
     ------
     ValueError
-        with a one-sentence message.
+        If the file cannot be used.
     """
     for name in named or ():
         if not _describe_column(name, wanted)[0]:
@@ -263,9 +263,10 @@ def plain_word(name: str) -> str:
 
 @cache
 def same_word(word: str) -> str:
-    """Form that names of one quantity have in common, from a word of `plain_word`.
+    """Canonical form shared by the names of one quantity, from a word of `plain_word`.
 
-    Abbreviations and Greek letters are written out or as a letter, a prime is last, and whole words are in any order.
+    Abbreviations are written out, names of Greek letters become letters, a prime moves to the end, and whole words are
+    sorted.
 
     Examples
     --------

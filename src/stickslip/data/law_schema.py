@@ -128,7 +128,7 @@ def check_law_files(tables: dict) -> None:
     Raises
     ------
     ScenarioError
-        as `load_law`; ValueError as `laws.from_file`.
+        As `load_law`; ValueError as `laws.from_file`.
     """
 
     def check(law: dict) -> dict:
@@ -146,7 +146,7 @@ def load_law(choice: LawFile) -> Law:
     Raises
     ------
     ScenarioError
-        if the file is missing, has changed since the scenario was read, or may not be executed.
+        If the file is missing, has changed since the scenario was read, or may not be executed.
     """
     path = Path(choice.file)
     if not path.is_file():
@@ -247,7 +247,7 @@ KEYS |= {
 class LawTable(LawOrFile):
     """Contact law: stiffness from k_n and k_t or elastic constants, damping from coefficients or a restitution.
 
-    `allow_laws` makes tables with keys. Keys that a table does not have keep the defaults of `KEYS`.
+    `allow_laws` adds keys to a table. Keys that a table lacks have their defaults in `KEYS`.
     """
 
     def __getattr__(self, name: str):

@@ -72,7 +72,7 @@ def replace_atomically(path: str | Path):
     Raises
     ------
     OSError
-        naming `path`, if it cannot be written; an existing file is left unchanged.
+        If the file cannot be written; the message names it, and an existing file is left unchanged.
     """
     path = Path(path)
     if not path.parent.is_dir():
@@ -102,7 +102,7 @@ def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Ite
     Raises
     ------
     ValueError
-        with a one-sentence message that names the first file that may not be written.
+        If a file may not be written; the message names the first one.
     """
     sources = [Path(path) for path in made_from if path is not None]
     for path in paths:
@@ -144,7 +144,7 @@ def write_manifest(folder: Path, files: Files) -> None:
 
 
 def add_to_manifest(folder: Path, *names: str) -> None:
-    """Add the current files and folders of these names to the manifest."""
+    """Add the present files and folders with these names to the manifest."""
     write_manifest(folder, read_manifest(folder) | {name: [digest(folder / name)] for name in names})
 
 
@@ -216,7 +216,7 @@ def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
     Raises
     ------
     ValueError
-        with a one-sentence message that names the foreign file or link.
+        If there is a foreign file or link, which the message names.
     """
     for path in (folder / MEMBERS, folder / LEGS):
         if link := next((inner for inner in (path, *path.rglob("*")) if inner.is_symlink()), None):
@@ -281,7 +281,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
     Raises
     ------
     ValueError
-        with a one-sentence message that names the process holding the lock, or why the folder is not writable.
+        If another process holds the lock, or the folder is not writable.
     """
     from filelock import FileLock, Timeout
 
@@ -313,7 +313,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
         ) from None
     except OSError as problem:
         _remove_empty(made)
-        raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
+        raise ValueError(f"cannot write to the folder {folder} ({problem.strerror}): choose another --out") from None
     try:
         by = " ".join(["stickslip", *sys.argv[1:2]])
         note = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": by}

@@ -201,7 +201,7 @@ def from_arrays(
     Raises
     ------
     PackingError
-        if the arrays cannot be used; the message is one sentence.
+        If the arrays cannot be used.
 
     Warns
     -----
@@ -308,7 +308,7 @@ def law_by_name(
     Raises
     ------
     PackingError
-        if a name is unknown, or parameters are missing or inconsistent; the message is one sentence.
+        If a name is unknown, or parameters are missing or inconsistent.
 
     Examples
     --------
@@ -463,7 +463,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     Raises
     ------
     PackingError
-        if a slip is unreasonably long.
+        If a slip is unreasonably long.
     """
     state = with_neighbor_list(state, law)
     count = int(state.contacts.count[0])

@@ -271,7 +271,7 @@ def validate_scenario(kind: type[ScenarioBase], /, **tables):
     Raises
     ------
     ScenarioError
-        with a one-sentence message that names the key, the value, and the values allowed.
+        If a scenario is invalid; the message names the key, the value, and the values allowed.
     """
     return validate_table(kind, tables)
 
@@ -297,7 +297,7 @@ def field_at(kind: type[BaseModel], key: str) -> Entry:
     Raises
     ------
     ScenarioError
-        if there is no such key; the message suggests the closest one.
+        If there is no such key; the message suggests the closest one.
     """
     parts, tables, above, annotation = key.split("."), [kind], [], None
     for k, part in enumerate(parts):

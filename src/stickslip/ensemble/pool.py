@@ -79,7 +79,7 @@ def reach(workers: Workers) -> Spread:
     Raises
     ------
     ValueError
-        with a one-sentence message, if the number is below 1, or no Dask scheduler answers at the address.
+        If the number is below 1, or no Dask scheduler answers at the address.
     """
     if workers is None or isinstance(workers, int):
         number = default_workers() if workers is None else workers
@@ -111,8 +111,8 @@ def run_members(
 ) -> list[Member]:
     """Call `function(*task)` for every task and return the outcomes in order; results do not depend on `workers`.
 
-    If a process dies, only its own member is affected: it is tried once more (on a cluster, as often as the scheduler
-    allows) and is then reported as failed. The others continue.
+    If a process dies, only its own member is affected: it is retried once (on a cluster, as often as the scheduler
+    allows) and then reported as failed. The others continue.
 
     Parameters
     ----------
@@ -131,9 +131,9 @@ def run_members(
     Raises
     ------
     ValueError
-        if `function` is defined in a script or notebook and more than one process is requested.
+        If `function` is defined in a script or notebook and more than one process is requested.
     RuntimeError
-        with the number of unfinished members, if the scheduler of a cluster disappears.
+        If the scheduler of a cluster disappears; the message gives the number of unfinished members.
 
     Examples
     --------
@@ -256,7 +256,7 @@ def connect(address):
     Raises
     ------
     ValueError
-        with a one-sentence message, if Dask is not installed or no scheduler answers.
+        If Dask is not installed or no scheduler answers.
     """
     distributed = require("distributed", "cluster")
     if isinstance(address, distributed.Client):
@@ -317,7 +317,7 @@ def _resolve_address(address: str) -> str:
             kind = apart.submit(asyncio.run, asyncio.wait_for(_request_identity(address), PATIENCE)).result()["type"]
     except TimeoutError:
         raise OSError(f"the program listening there did not answer within {PATIENCE:g} s") from None
-    except Exception:  # another program's answer can fail in any way if it is parsed as that of a scheduler
+    except Exception:  # parsing another program's answer can raise any exception
         raise ValueError("the program listening there is not a scheduler") from None
     if kind != "Scheduler":
         raise ValueError(f"a Dask {kind} listens there")
@@ -341,7 +341,7 @@ def _run_on_cluster(packed, address, keep, heard) -> None:
     Raises
     ------
     SchedulerGoneError
-        if the scheduler disappears before the last result has arrived.
+        If the scheduler disappears before the last result has arrived.
     """
     topic, events, source, futures = f"stickslip-{uuid4().hex}", SimpleQueue(), iter(packed), {}
     with connect(address) as client:

@@ -83,7 +83,7 @@ class WorkerProcess:
         Raises
         ------
         WorkerDiedError
-            if the process ends before it has answered.
+            If the process ends before it has answered.
         """
         try:
             _send(self.process.stdin, (__version__, pause, packed))

@@ -54,7 +54,7 @@ def estimate(values) -> Estimate:
 
 
 def median(values) -> float:
-    """Median of the values that are finite; NaN without any."""
+    """Median of the finite values; NaN without any."""
     good = [float(value) for value in values if np.isfinite(value)]
     return float(np.median(good)) if good else NAN
 
@@ -106,7 +106,7 @@ class Quantities(dict[str, Quantity]):
             raise ValueError(f"two of these quantities have the same name: {', '.join(row.name for row in rows)}")
 
     def row(self, name: str) -> Quantity:
-        """Quantity of a name, which may end in a place (`damping@0.001`) or in `_error`."""
+        """Quantity with a name, which may end in a place (`damping@0.001`) or in `_error`."""
         name = name if name in self else name.removesuffix(ERROR)
         return self[name.partition("@")[0]]
 
@@ -211,7 +211,7 @@ class Measures(Quantities):
         return {k: v for k, v in values.items() if np.isfinite(v.mean if isinstance(v, Estimate) else v)}
 
     def show(self, result, *, title: str, readable: Callable = in_readable_units, without=()) -> None:
-        """Print the values that are finite with their intervals, units and meanings.
+        """Print the finite values with their intervals, units and meanings.
 
         Parameters
         ----------

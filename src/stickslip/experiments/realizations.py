@@ -76,7 +76,7 @@ def law_references(law: LawTable | str) -> tuple[str, ...]:
 
 
 def make_packing(chosen: Packing, law: Law, seed: int, tolerance: float | None = None) -> tuple[State, PackingInfo]:
-    """Make the packing of a scenario; return State and PackingInfo, see `jammed`."""
+    """Make the packing of a scenario; return State and PackingInfo (see `jammed`)."""
     fraction = chosen.packing_fraction
     if fraction is None and chosen.pressure is None:
         fraction = DEFAULT_FRACTION[chosen.dim]

@@ -35,7 +35,7 @@ def _failures(result) -> tuple[str, ...]:
 
 
 class Reproduction(NamedTuple):
-    """Result of the scenario of a paper, stored in the run folder, and its evaluated claims."""
+    """Result of a paper's scenario, which is stored in the run folder, and the evaluated claims."""
 
     main: Any
     claims: list
@@ -314,7 +314,7 @@ def read_tables(path: str | Path) -> dict:
     Raises
     ------
     ScenarioError
-        If the file cannot be read; the message is one sentence.
+        If the file cannot be read.
     """
     path = Path(path)
     try:

@@ -51,11 +51,11 @@ def movie(
     Raises
     ------
     ValueError
-        if the extension or the colour is unknown, or the zoom is not allowed.
+        If the extension or the colour is unknown, or the zoom is not allowed.
     MissingExtraError
-        if an MP4 is requested but ffmpeg is not available.
+        If an MP4 is requested but ffmpeg is not available.
     RuntimeError
-        if ffmpeg exits prematurely.
+        If ffmpeg exits prematurely.
     """
     path = Path(path)
     check_movie(path, fps)

@@ -94,7 +94,7 @@ def packing(
     Raises
     ------
     ValueError
-        if there is no such quantity, or the zoom is not allowed.
+        If there is no such quantity, or the zoom is not allowed.
 
     Examples
     --------
@@ -219,7 +219,7 @@ def draw(
 
 
 def count_outside(frames: list[Frame], layout: Layout) -> int:
-    """Number of grains that are outside of the view in a frame."""
+    """Number of grains outside the view in a frame."""
     return int(np.any([outside(_places(frame), layout.low, layout.high) for frame in frames], axis=0).sum())
 
 

@@ -44,7 +44,7 @@ def unit_mode(mode: Mode, frame: Frame) -> np.ndarray:
 
 
 def check_zoom(name: str, zoom) -> None:
-    """Raise ValueError with a one-sentence message if a zoom is neither a number within bounds nor "all"."""
+    """Raise ValueError if a zoom is neither a number within bounds nor "all"."""
     (low, high), number = ZOOMS, isinstance(zoom, Real) and not isinstance(zoom, bool)
     if not (low <= zoom <= high if number else isinstance(zoom, str) and zoom == "all"):
         got = f"{zoom:g}" if number else quoted(zoom)
@@ -269,7 +269,7 @@ def view(
     Raises
     ------
     ValueError
-        if there is no such quantity, or the zoom is not allowed.
+        If there is no such quantity, or the zoom is not allowed.
 
     Examples
     --------

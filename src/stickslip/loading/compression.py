@@ -86,9 +86,9 @@ def compressed(
     Raises
     ------
     ValueError
-        if grains under this law cannot carry the pressure.
+        If grains under this law cannot carry the pressure.
     NotInEquilibriumError
-        if the pressure was not reached; the message states the pressure that was reached.
+        If the pressure was not reached; the message states the pressure that was reached.
 
     Source
     ------
@@ -123,7 +123,7 @@ def compressed(
 def check_pressure(
     law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int, name: str = "pressure"
 ) -> None:  # fmt: skip
-    """Raise ValueError with a one-sentence message if grains under a law cannot carry a pressure; `name` is its key."""
+    """Raise ValueError if grains under a law cannot carry a pressure; `name` is its key."""
     position = np.zeros((len(radius), dim))
     position[:, 0] = np.cumsum(2 * radius)
     start = assembly((disks if dim == 2 else spheres)(position, radius, mass=mass), cell=box(dim=dim))
@@ -131,7 +131,7 @@ def check_pressure(
 
 
 def compression_scales(start: State, law: Law, pressure: float, tolerance: float, name: str = "pressure") -> Scales:
-    """Scales of a compression; ValueError if the pressure is out of reach."""
+    """Scales of a compression; raise ValueError if the pressure is out of reach."""
     grains, dim = start.grains, start.cell.dim
     diameter, depth = 2 * float(grains.radius.mean()), DEEPEST * float(grains.radius.min())
     area = diameter ** (dim - 1)
@@ -258,7 +258,7 @@ def biaxial_box(
     Raises
     ------
     NotInEquilibriumError
-        if the packing does not come to rest.
+        If the packing does not come to rest.
 
     Source
     ------
@@ -340,7 +340,7 @@ def settle(state: State, law: Law, tolerance: float, time: float = 1.0) -> State
     Raises
     ------
     NotInEquilibriumError
-        if it does not come to rest.
+        If it does not come to rest.
     """
     for _ in range(BLOCKS):
         # keeps the sample of each seed unchanged, so that its known numbers remain valid
@@ -396,7 +396,7 @@ def with_machine(state: State, wall: int, stiffness: Positive) -> State:
     require_index(state.n_bodies, wall=wall)
     pull, control, position = state.control.force[wall], state.control, body_positions(state)[wall]
     if not pull.any():
-        raise ValueError(f"body {wall} has no force to be exerted by a machine: give a wall under a force")
+        raise ValueError(f"body {wall} carries no load that a machine could exert: choose a wall under a force")
     for axis in np.flatnonzero(pull):
         control = spring_loaded(control, [wall], [position + pull / stiffness], stiffness, axis=int(axis))
     force = control.force.copy()
@@ -406,7 +406,7 @@ def with_machine(state: State, wall: int, stiffness: Positive) -> State:
 
 @checked
 def with_travel(control: Control, wall: int, travel: Numbers) -> Control:
-    """Control with the load point of the spring that pulls a wall moved by `travel`, (3,) or (2,) [length]."""
+    """Control in which the load point of a wall's spring is moved by `travel`, (3,) or (2,) [length]."""
     require_index(len(control.spring), wall=wall)
     if not control.spring[wall].any():
         raise ValueError(f"body {wall} is not pulled by a spring: use `with_machine` first")

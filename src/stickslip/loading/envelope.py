@@ -23,7 +23,7 @@ from .compression import stopped
 SIZE = 1e-4  # size of a probe, in mean overlaps per diameter
 BALANCED = 1e-7  # residual over the change of forces in a probe
 ROUND_OFF = 1e-15  # round-off of a position, over the width of the cell
-NORMALS = 90  # normals of bands over half a circle, before the smallest value is refined
+NORMALS = 90  # number of band normals over half a circle, before the smallest value is refined
 
 
 @readable
@@ -80,7 +80,7 @@ def response_envelope(
     """Probe a packing with small increments of strain or stress in all directions of a plane, by quasi-static steps.
 
     Increments are measured from the state, whose cell may be tilted or turned; it is first brought to rest.
-    Contacts may start or cease to slide, so that the response is linear only within sectors of directions. Its elastic
+    Contacts may start or stop sliding, so the response is linear only within sectors of directions. Its elastic
     part is the response if contacts at the Coulomb limit stick.
 
     For 30 disks with sliding contacts, slow dynamics over strains of 2e-7 gave the same stress to 0.7 % after 400 units
@@ -99,7 +99,7 @@ def response_envelope(
     Raises
     ------
     ValueError
-        with a one-sentence message, if the packing is not in equilibrium, has walls, groups or open sides, or only
+        If the packing is not in equilibrium, has walls, groups or open sides, or only
         rattlers, or if the probes would be lost in the round-off of positions.
 
     Source
@@ -162,7 +162,7 @@ def negative_ranges(angle: np.ndarray, work: np.ndarray) -> list[tuple[float, fl
 
 
 def _zero(angle: np.ndarray, work: np.ndarray, k: int) -> float:
-    """Angle between probes k and k + 1 at which the work, interpolated, is zero."""
+    """Angle between probes k and k + 1 at which the interpolated work is zero."""
     count, spacing = len(angle), 2 * np.pi / len(angle)
     before, after = work[k % count], work[(k + 1) % count]
     share = before / (before - after) if np.isfinite(before) and np.isfinite(after) else float(np.isnan(before))
@@ -262,8 +262,8 @@ def localisation(state: Committed, law: Law) -> Localisation:
     C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
     that a band across n may form.
 
-    None of 20,000 random planes of a packing of spheres had a smaller determinant; the smallest of theirs was 2e-5
-    larger (`tests/unit/test_envelope.py`).
+    None of 20,000 random planes of a packing of spheres had a smaller determinant; the smallest of them was 2e-5 larger
+    (`tests/unit/test_envelope.py`).
 
     Source
     ------

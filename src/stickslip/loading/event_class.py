@@ -54,7 +54,7 @@ class Event(NamedTuple):
     exponent_error: float  # its standard error
     distances: np.ndarray  # (K,) strains before the event, step · 8^(−k)
     softest: np.ndarray  # (K,) smallest real eigenvalue λ_min there [1/time²]
-    re_pair: np.ndarray  # (K,) Re λ of the fastest growing pair, NaN without a pair [1/time²]
+    re_pair: np.ndarray  # (K,) Re λ of the fastest-growing pair, NaN without a pair [1/time²]
     growth: np.ndarray  # (K,) growth rate |Im √λ| of that pair without drag, 0 without a pair [1/time]
     trigger: tuple[int, int]  # grains of the contact whose sliding or opening starts the event; (−1, −1) without
     mobilisation: float  # |F_t|/(μ F_n) of that contact in the last stable state, or NaN
@@ -292,7 +292,7 @@ def _grows(values: np.ndarray, drag: float) -> bool:
 
 
 def _upcoming(last: Point, upper: float):
-    """Yield rows and new modes of supported contacts that open or slide along the linear motion, in their order."""
+    """Yield rows and new modes of supported contacts that open or slide along the linear motion, one after another."""
     state, response, law = last.state, last.response, last.judge.law
     for widths in BEYOND:
         advance = widths * (upper - last.strain)
@@ -316,8 +316,8 @@ def loss_ahead(point: Point, strain: float) -> float:
     A contact is lost where it reaches the Coulomb limit or opens. Forces and distances to the limit are extrapolated
     from their change over a small part of `strain`. Contacts are tried one by one in the order of their loss.
 
-    The law is evaluated at rest, as in quasi-static loading. Sliding started within a twentieth of a strain step of the
-    strain predicted at the beginning of that step (50 disks, `tests/events/test_loss_ahead.py`).
+    The law is evaluated at rest, as in quasi-static loading. In tests, sliding started at most a twentieth of a strain
+    step from the strain predicted at the beginning of that step (50 disks, `tests/events/test_loss_ahead.py`).
     """
     response, state, part = point.response, point.state, PROBE * strain
     there = displaced(point.strained_to(point.strain + part), response.free, _coordinates(response, part))

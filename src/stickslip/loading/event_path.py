@@ -168,7 +168,7 @@ class Point:
         return self.judge.way.apply(self.state, strain - self.strain, slip=self.judge.slip)
 
     def newton(self, strain: float, *, thorough: bool = False) -> "Point | None":
-        """Equilibrium of Newton's method at another strain, in one step; None if it fails."""
+        """Equilibrium found by Newton's method at another strain, in one step; None if it fails."""
         end = self.judge.newton(self.strained_to(strain), thorough=thorough)
         return None if end is None else Point(strain, end, self.judge)
 
@@ -179,7 +179,7 @@ class Point:
         return Point(strain, end, judge) if outcome.ok else None
 
     def with_kick(self) -> State:
-        """State displaced along its fastest growing mode, in the direction in which the path moves."""
+        """State displaced along its fastest-growing mode, in the direction in which the path moves."""
         response = self.response
         with suitable_threads(len(response.matrix)):
             values, vectors = np.linalg.eig(response.matrix)
@@ -266,7 +266,7 @@ def _larger(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def depart(point: Point) -> tuple[Point | None, bool]:
-    """Start dynamics at a small distance from an unstable equilibrium, along its fastest growing mode.
+    """Start dynamics at a small distance from an unstable equilibrium, along its fastest-growing mode.
 
     Returns
     -------
@@ -287,7 +287,7 @@ def depart(point: Point) -> tuple[Point | None, bool]:
 def fall(point: Point, strain: float) -> Point | None:
     """Point to which dynamics leads from the state of another point at an advanced strain.
 
-    If it oscillates endlessly about an equilibrium, the result is that equilibrium; otherwise None.
+    If dynamics does not come to rest, the result is the equilibrium about which it oscillates, or None without one.
     """
     end, rested = point.judge.rest(point.strained_to(strain))
     if rested:
@@ -299,7 +299,7 @@ def fall(point: Point, strain: float) -> Point | None:
 
 
 def settle(point: Point) -> Point:
-    """Point reached by dynamics from a possibly unstable equilibrium; it may oscillate about the result."""
+    """Point reached by dynamics from a possibly unstable equilibrium; the motion may oscillate about this point."""
     for _ in range(MOST_DEPARTURES):
         if point.stable:
             return point
@@ -311,8 +311,8 @@ def settle(point: Point) -> Point:
     return point
 
 
-COUPLED = 0.5  # overlap of the modes of two real eigenvalues from which these are followed
-SAME = 0.05  # relative change of their mean from step to step
+COUPLED = 0.5  # overlap of the modes of two real eigenvalues above which these are followed
+SAME = 0.05  # largest relative change of their mean from one step to the next
 WINDOWS = (3, 4, 5, 6)  # number of steps from which the strain of an event is extrapolated
 FAR = 6.0  # number of strain steps beyond which no forecast is made
 LEVEL = 0.8  # level of the intervals
@@ -363,8 +363,7 @@ class Forecast(NamedTuple):
 
 
 def forecast(signs: Signs) -> list[Forecast]:
-    """Forecast of the next event, and of the next pair, from the last steps of a path; those without a sign are
-    omitted.
+    """Forecasts of the next event and the next pair from the last steps of a path, where signs of them exist.
 
     For events, it is the earlier of a saddle node and the loss of a contact.
     """

@@ -69,16 +69,16 @@ def find_events(
     jump is an event; smaller jumps, such as stick-slip of a single contact, are part of the path
     most : number of events after which the search ends, at the end of the strain step
     prune : fraction of the mean overlap below which a contact does not support grains; see `solve.shear_response`
-    mode, sign : deformation of the cell, see `aqs`; stresses are the work conjugates of the strain
+    mode, sign : deformation of the cell (see `aqs`); stresses are the work conjugates of the strain
     report : called as report(stage, share done, text) after each strain step
 
     Raises
     ------
     ValueError
-        if the packing has walls, open sides, loads or held grains, if the law has dashpots or forces without a tangent,
+        If the packing has walls, open sides, loads or held grains, if the law has dashpots or forces without a tangent,
         or if `to`, `step` and `resolution` do not fit together.
     NotInEquilibriumError
-        if the first state cannot be brought to rest.
+        If the first state cannot be brought to rest.
 
     Examples
     --------
@@ -164,7 +164,7 @@ class Search:
         self.loss: Break | None = None  # strain at which stability was lost, if the path continued
 
     def advance(self, goal: float) -> bool:
-        """Follow the path to a strain; False if dynamics does not come to rest."""
+        """Follow the path to a strain; return False if dynamics does not come to rest."""
         first, known = self.point, len(self.events)
         waiting, trial = [goal], first.newton(goal)
         while waiting and not self.fell_apart:
@@ -206,7 +206,7 @@ class Search:
             )
 
     def _try(self, strain: float) -> Point | None:
-        """Point of Newton's method at a strain, with enough iterations where failure matters."""
+        """Point found by Newton's method at a strain, with enough iterations where failure matters."""
         return self.point.newton(strain, thorough=strain - self.point.strain <= THOROUGH * self.resolution)
 
     def _continues(self, trial: Point | None) -> bool:
@@ -223,7 +223,7 @@ class Search:
             self.loss = None
 
     def _judge(self, trial: Point | None, goal: float) -> bool:
-        """Let dynamics determine the end of a step as short as a bracket; False if it does not come to rest."""
+        """Let dynamics determine the end of a step as short as a bracket; return False if it does not come to rest."""
         before = self.point
         reached = trial if trial is not None and continuous(before, trial) else None
         snaps = reached is not None and not reached.holds

@@ -192,11 +192,11 @@ def shear_to_failure(
     until : "first-pair", the birth of a complex pair; "first-event", a discontinuity of the path, such as the break of
         a bond; "first-break", the first break of a bond; or a strain, negative for shear in the opposite direction or
         unloading. Breaks on the way to it are events
-    mode, reverse : deformation of the cell, see `aqs`; with "first-…", reverse=True lets the strain fall
+    mode, reverse : deformation of the cell (see `aqs`); with "first-…", reverse=True lets the strain fall
     step : largest strain step; default 0.02 mean overlaps over the mean diameter, rounded to one digit; with bonds at
         most a twentieth of the strain at which the first one breaks by linear response
     limit : strain at which the path ends without an instability; default 500 steps
-    drag : ν of the dynamics that determine events, see `find_events`; default a tenth of the highest
+    drag : ν of the dynamics that determine events (see `find_events`); default a tenth of the highest
         frequency [1/time]
     prune : see `find_events`
     kept : storage in which each step is saved as soon as it is finished
@@ -205,7 +205,7 @@ def shear_to_failure(
     Raises
     ------
     ValueError
-        if the packing is not in equilibrium, carries no load, has walls or no periodic cell, is too large for dense
+        If the packing is not in equilibrium, carries no load, has walls or no periodic cell, is too large for dense
         spectra, or if options do not fit together.
 
     Examples
@@ -263,8 +263,8 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
         raise ValueError(f"{no_equilibrium_message(rest)}; let it come to rest first (--settle)")
     if (size := len(backbone(state, law))) > AT_MOST:
         raise ValueError(
-            f"the packing has {size} coordinates: each step needs several spectra with dense matrices, of at most "
-            f"{AT_MOST}; use a smaller packing"
+            f"the packing has {size} coordinates: each step needs several dense spectra, which are limited to "
+            f"{AT_MOST} coordinates; use a smaller packing"
         )
     if not isinstance(until, str):
         if not (np.isfinite(until) and until):
@@ -375,7 +375,7 @@ def _couples(modes: Spectrum) -> np.ndarray:
 
 
 def _changes(a: Point, b: Point) -> np.ndarray:
-    """(C, 3) contacts that opened, closed, started to slide or stick again; without those that carry no force."""
+    """(C, 3) contacts that opened, closed, started to slide or stuck again, except those that carry no force."""
     (old, holds), (new, bears) = (
         ({key: row for row, key in _touching_pairs(p.state)}, p.response.support.contacts) for p in (a, b)
     )

@@ -86,7 +86,7 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
     Raises
     ------
     PackingError
-        if the forces cannot be balanced; the message is one sentence.
+        If the forces cannot be balanced.
 
     Source
     ------
@@ -112,7 +112,7 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
 
 
 def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None = None, **options) -> Reading:
-    """Balanced state nearest to measured forces, see `read_forces`; options of the law as in `read_packing`."""
+    """Balanced state nearest to measured forces (see `read_forces`); options of the law as in `read_packing`."""
     options = {name: value for name, value in options.items() if value not in (None, {})}
     frame = options.pop("frame", None)
     for name in LAMMPS_OPTIONS:
@@ -130,8 +130,8 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
 def _check_law(law: Law) -> None:
     if len(law.table) > 1 or needs_rows(law) or angular_columns(law) or bridges_gaps(law.kind):
         raise PackingError(
-            "measured forces need a law of one material whose forces follow from overlap and slip, without moments, "
-            "other memory or lever arms R − δ/2"
+            "measured forces need a law of one material whose forces depend only on overlap and slip: use one without "
+            "moments, additional memory or lever arms R − δ/2"
         )
     if not law.table[0, 0, MU] > 0:
         raise PackingError("measured tangential forces need a law with friction: use mu > 0")
@@ -296,7 +296,7 @@ def _network(measured: MeasuredForces, law: Law) -> _Network:
     """Network with its errors and the pairs that might touch, without contacts that cannot be balanced."""
     if measured.free.all() and not measured.load.any():
         raise PackingError(
-            "no grain is held and there are no loads, so that grains under pressure cannot balance: mark those at the "
+            "no grain is held and there are no loads, so forces under pressure cannot balance: mark the grains at the "
             "edge as fixed"
         )
     m = _with_errors(measured, law)
@@ -314,7 +314,7 @@ def _network(measured: MeasuredForces, law: Law) -> _Network:
 
 
 def _loose_contacts(m: MeasuredForces) -> np.ndarray:
-    """(C,) mask of the only contacts of free grains; PackingError if the force of one is not an error."""
+    """(C,) mask of the single contacts of free grains; raise PackingError if the force of one exceeds its error."""
     loose = m.free & (np.bincount(m.ends.ravel(), minlength=len(m.radius)) == 1) & ~m.load.any(axis=1)
     rows = loose[m.ends].any(axis=0)
     for c in np.flatnonzero(rows & (m.force_n > FAR * m.force_n_error)):

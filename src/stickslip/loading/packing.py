@@ -153,7 +153,7 @@ def jammed(
     Raises
     ------
     ValueError
-        if the packing does not jam at this packing fraction, or does not reach the pressure.
+        If the packing does not jam at this packing fraction, or does not reach the pressure.
 
     Examples
     --------

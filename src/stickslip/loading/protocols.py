@@ -23,7 +23,7 @@ from ..solve.spectrum import Spectrum, match_pairs, mode_overlap, spectrum
 
 SAME_LOAD = 1e-9  # relative difference within which a load equals that of a state
 SAME_PAIR = 0.5  # overlap of modes above which pairs at neighbouring loads are the same
-# M between noise and the first change of the spectrum, where growth is fitted, over the square of the smallest diameter
+# range of M in which growth is fitted, between noise and the first change of the spectrum [smallest diameter²]
 WINDOW = (1e-22, 1e-11)
 CHANGED = 0.01  # relative change of Im λ of the fastest pair beyond which the spectrum is not constant
 FUNNEL = (1e-17, 1e-13)  # range of M, in the same unit, in which single turns of trajectories are saved
@@ -96,7 +96,7 @@ def equilibrium(state: State, law: Law, *, method: str = "dynamics", what: str =
     Raises
     ------
     NotInEquilibriumError
-        if there is no equilibrium; the message gives the load, the outcome of the solver, and a remedy.
+        If there is no equilibrium; the message gives the load, the outcome of the solver, and a remedy.
     """
     end, outcome = newton(state, law, **options) if method == "newton" else relax(state, law, **options)
     if not outcome.ok:
@@ -205,7 +205,7 @@ def follow_pair(
 ) -> Family:
     """Follow one pair, given as a mapping from points of the path to eigenvalues, to its birth and death.
 
-    Each is located to within `relative` in the load.
+    Both loads are located to a relative accuracy of `relative`.
     """
     first, last = min(members), max(members)
 
@@ -481,7 +481,7 @@ def release(
 
     Parameters
     ----------
-    least, duration, dt : default: 5e4, 6e5 and 0.1 of the natural unit of time, see `relax` [time]
+    least, duration, dt : default: 5e4, 6e5 and 0.1 of the natural unit of time (see `relax`) [time]
     seed, velocity : seed and standard deviation of the initial random velocities in all resisted modes, by default
     1e-13 smallest diameters per natural unit of time [length/time]
     report : called as report(stage, share done, text)
@@ -489,9 +489,9 @@ def release(
     Raises
     ------
     ValueError
-        if the state has no complex pair.
+        If the state has no complex pair.
     NotInEquilibriumError
-        if the run diverges.
+        If the run diverges.
     """
     scales = natural_scales(state, law)
     least = LEAST * scales.time if least is None else least

@@ -66,7 +66,7 @@ def aqs(
     Raises
     ------
     ValueError
-        if the drag is missing.
+        If the drag is missing.
 
     Examples
     --------
@@ -185,7 +185,7 @@ class Instability(NamedTuple):
 
 
 def instability(modes: Spectrum, state: State, law: Law, drag: float | None = None) -> Instability | None:
-    """Growing modes of an equilibrium, under a drag [1/time] if given; None if it is stable."""
+    """Growing modes of an equilibrium, under a drag if given [1/time]; None if it is stable."""
     real = modes.eigenvalues.real[modes.eigenvalues.imag == 0]
     negative = int((real < -REAL_BELOW * np.abs(modes.eigenvalues).max(initial=0.0)).sum())
     pairs = modes.pairs if drag is None else modes.pairs[damped_exponents(modes.pairs, drag) > 0]
@@ -272,7 +272,7 @@ def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> P
     Raises
     ------
     ValueError
-        on the first step, if the given bodies are not pressed along −y.
+        On the first step, if the given bodies are not pressed along −y.
 
     Examples
     --------
@@ -294,7 +294,7 @@ def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> P
         control, bodies = state.control, body_numbers(state.control, plate)
         force, free, rate = control.force.copy(), control.free.copy(), control.rate.copy()
         if not (force[bodies, 1] < 0).all():
-            raise ValueError(f"a plate is pressed along −y, but bodies {np.asarray(plate).tolist()} are not")
+            raise ValueError(f"the plate must be pressed along −y, but bodies {np.asarray(plate).tolist()} are not")
         free[bodies, 0], rate[bodies, 0] = True, 0.0
         force[bodies, 0] = -load * force[bodies, 1]
         return state._replace(control=control._replace(force=force, free=free, rate=rate))
@@ -337,9 +337,9 @@ def inflate(
     Raises
     ------
     ValueError
-        as in `modes.inflate`, except for contacts that change.
+        As in `modes.inflate`, except for contacts that change.
     NotInEquilibriumError
-        if a step has no equilibrium.
+        If a step has no equilibrium.
 
     Examples
     --------

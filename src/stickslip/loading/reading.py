@@ -29,7 +29,7 @@ def read_packing(path: str | Path, **options) -> Reading:
     such as x, y, z, radius (CSV, YADE, PFC). Text may be compressed. In a LAMMPS run folder, the newest restart file,
     or data and dump files, are read together with laws, walls, gravity and fixes from the log or input script. A run
     folder of this package stands for its archive. For measured forces (`contacts` is a table with a column fn, or the
-    file is a PeGS file), the result is the nearest balanced state, see `packings.from_forces`.
+    file is a PeGS file), the result is the nearest balanced state (see `packings.from_forces`).
 
     Returns
     -------
@@ -46,7 +46,7 @@ def read_packing(path: str | Path, **options) -> Reading:
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
         in a dump; the last one by default, except in archives
     contacts : path of the `dump local` that belongs to the grains and provides their memory, of the table of measured
-        forces, see `read_forces`, or of a table of bonds with columns i, j, kn, ks … (YADE) or pb_kn, pb_ks … (PFC)
+        forces (see `read_forces`), or of a table of bonds with columns i, j, kn, ks … (YADE) or pb_kn, pb_ks … (PFC)
     columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not detected correctly from their contents
     boundary : three letters as in LAMMPS, such as ppf, if the file does not state the periodic directions
     atom_style : as in LAMMPS, such as "sphere" or "hybrid sphere bond", if a data file does not name it
@@ -54,7 +54,7 @@ def read_packing(path: str | Path, **options) -> Reading:
     Raises
     ------
     PackingError
-        if a file cannot be used; the message is one sentence.
+        If a file cannot be used.
 
     Warns
     -----

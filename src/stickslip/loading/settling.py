@@ -65,7 +65,7 @@ def settle(
     Raises
     ------
     NotInEquilibriumError
-        if the sample does not come to rest.
+        If the sample does not come to rest.
     """
 
     def find(here: State, keep: Factorisation) -> tuple[State, Outcome]:
@@ -198,7 +198,7 @@ def slow_dynamics(
     Raises
     ------
     RuntimeError
-        if a position is not a number.
+        If a position is not a number.
     """
     if not 0 < until <= len(legs):
         raise ValueError(f"until must be above 0 and at most {len(legs)} for {len(legs)} legs, got {until}")

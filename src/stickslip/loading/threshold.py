@@ -135,7 +135,7 @@ def kinetic_threshold(
     dt: Positive, loads=None, distance: Positive = SLID, ramps: int = 3, drag: NotNegative = 0.0,
     seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Report = silent,
 ) -> KineticThreshold:  # fmt: skip
-    """Kick the equilibria of a load path and find the loads from which they slide, and keep sliding.
+    """Kick the equilibria of a load path and find the loads above which they slide, and above which they keep sliding.
 
     The random numbers of each run depend only on the seed, the load, the velocity in natural units and the number of
     the run. Results do not depend on `workers`, nor on units unless the load itself has a unit.
@@ -149,7 +149,7 @@ def kinetic_threshold(
     path : equilibria along a rising load, from `ramp`
     protocol : application of loads, used to lower the load of a sliding sample
     kicks : (K,) standard deviations of random initial velocities; default: 1e-13 and 1e-4 smallest diameters per
-        natural unit of time, see `relax` [length/time]
+        natural unit of time (see `relax`) [length/time]
     realizations : number of runs for each load and kick
     duration, dt : of a run [time]; a run that slides continues for another duration
     loads : loads of the path to be tried; default: all
@@ -166,11 +166,11 @@ def kinetic_threshold(
     Raises
     ------
     ValueError
-        if a given load does not lie on the path; if loads do not rise along it; if a state of the path is not at rest
+        If a given load does not lie on the path; if loads do not rise along it; if a state of the path is not at rest
         at its load; if a kick is negative, not finite or given twice; if it moves grains by more than a radius in a
         step; or if dt is longer than `stable_time_step` or a fortieth of `duration`.
     RuntimeError
-        if a run blows up.
+        If a run blows up.
 
     Examples
     --------
@@ -381,7 +381,7 @@ def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
 
 
 def _continue_slide(start: State, how: _Dynamics) -> tuple[State, list[float]]:
-    """State of a sliding sample after another duration, and its travel in each window; none if it no longer slides."""
+    """State of a sliding sample after another duration, and its travel in each window; no travel if it stopped."""
     end, ways = start, []
     for _ in range(WINDOWS):
         before = end
@@ -421,7 +421,7 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
 
 
 def _ramp_down(start, points: list[Equilibrium], protocol: Protocol, how: _Dynamics, report) -> np.ndarray:
-    """(2,) load at which a sample that slides at the last point stops, −inf if none, and the one above it."""
+    """(2,) load at which a sample sliding at the last point stops, or −inf, and the lowest load at which it slid."""
     state, kick, seed = start
     state, _ = _run_until_slid(perturbed(state, seed, kick), how)  # not longer, as its speed may grow without limit
     moving = points[-1].load

@@ -109,7 +109,7 @@ def let_settle(state: State, law: Law) -> tuple[State, Settling]:
     Raises
     ------
     RuntimeError
-        If no equilibrium was found; the message is one sentence.
+        If no equilibrium was found.
     """
     from ..solve.equilibrate import equilibrate  # loads the time loop, which most packings do not need
 

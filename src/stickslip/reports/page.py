@@ -87,8 +87,8 @@ def packing_content(
     settle : if True, the packing is settled first
     dashpots : if False, dashpots of the law are left out
     zoom : of the figure
-    search : if False and no file of modes is given, no verdict and modes are computed; None: False if that takes
-    minutes
+    search : if False and no file of modes is given, neither verdict nor modes are computed; None: False if that takes
+        minutes
     """
     (state, law, notes), warnings = capture_warnings(read_packing, file, **options)
     notes, calm = [*notes, *warnings], None

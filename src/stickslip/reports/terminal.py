@@ -229,7 +229,7 @@ def show_pairs(title: str, pairs: dict) -> None:
 
 
 def show_lines(lines: Iterable[str]) -> None:
-    """Print sentences, each on separate lines."""
+    """Print sentences, each starting on a new line."""
     for line in lines:
         console.print(f"  {line}", soft_wrap=True)
 

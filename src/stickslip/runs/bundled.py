@@ -194,7 +194,7 @@ def read_scenarios(path: Path) -> list[ScenarioBase]:
     Raises
     ------
     ScenarioError
-        If there is none; the message is one sentence.
+        If there is none.
     """
     if path.is_dir():
         path = path / ("sweep.json" if (path / "sweep.json").exists() else "scenario.json")

@@ -50,7 +50,7 @@ def open_dataset(place: str | Path) -> xr.DataTree:
     Raises
     ------
     ValueError
-        If there are no results or they cannot be read; the message is one sentence.
+        If there are no results or they cannot be read.
 
     Examples
     --------

@@ -76,7 +76,7 @@ def prepare_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise ValueError with a one-sentence message if a folder is not writable."""
+    """Raise ValueError if a folder is not writable."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
     if folder.is_dir():
@@ -84,7 +84,7 @@ def check_writable(folder: Path) -> None:
     try:
         _probe(folder)
     except OSError as problem:
-        raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
+        raise ValueError(f"cannot write to the folder {folder} ({problem.strerror}): choose another --out") from None
 
 
 def _discard_previous(folder: Path, scenario, others: list[str]) -> None:
@@ -164,7 +164,7 @@ def install_results(folder: Path) -> None:
         there = any((parent / name).is_file() and digest(parent / name) in digests for parent in (staging, folder))
         if not (there and is_run_file(name)):
             return
-    if NUMBERS not in new or SCENARIO not in new:  # not complete, or not written by a run: it replaces nothing
+    if NUMBERS not in new or SCENARIO not in new:  # incomplete, or not written by a run: leave the existing files
         return
     if find_foreign(folder, is_run_file):
         return
@@ -302,7 +302,7 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
     Raises
     ------
     ValueError
-        If there is no run; the message is one sentence.
+        If there is no run.
     """
     if not folder.is_dir():
         raise ValueError(f"{folder} is not a folder: give the folder of an interrupted run")
@@ -334,7 +334,7 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
 
 
 def _read_arguments(path: Path) -> dict:
-    """Read the arguments of `reproduce` saved by `mark_reproduction`; ValueError if they are invalid."""
+    """Read the arguments of `reproduce` saved by `mark_reproduction`; raise ValueError if they are invalid."""
     saved = read_json(path)
     experiment = saved.pop("experiment", None)
     if not isinstance(experiment, str) or experiment not in papers():
@@ -363,7 +363,7 @@ def _damage_message(path: Path) -> str:
 
 
 def read_json(path: Path) -> dict:
-    """Read an object from a JSON file; raise ValueError with a one-sentence message if the file is damaged."""
+    """Read an object from a JSON file; raise ValueError if the file is damaged."""
     try:
         if isinstance(content := json.loads(path.read_text(encoding="utf-8")), dict):
             return content

@@ -82,7 +82,7 @@ def folder_content(
     Raises
     ------
     ValueError
-        If there are no results or the run is not finished; the message is one sentence.
+        If there are no results or the run is not finished.
     """
     if not folder.exists():
         raise ValueError(f"{folder} does not exist: give a run folder, or a packing")
@@ -133,7 +133,7 @@ def folder_content(
 
 
 def _parse_tables(text: str) -> dict:
-    """Return the tables of a scenario; none if its text is damaged."""
+    """Return the tables of a scenario; empty if its text is damaged."""
     try:
         return dict(json.loads(text))
     except (ValueError, TypeError, RecursionError):

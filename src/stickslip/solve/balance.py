@@ -25,7 +25,7 @@ DIGITS = 13  # significant digits of positions that were not truncated by text o
 
 
 class LinearisedState(NamedTuple):
-    """A state under a law, each contact held in its mode."""
+    """A state linearised under a law, with each contact held in its mode."""
 
     state: State
     law: Law
@@ -76,7 +76,7 @@ class LinearisedState(NamedTuple):
         return np.append(self.loose, np.zeros(len(self.state.walls.mass), bool))
 
     def with_modes(self, state: State) -> "LinearisedState":
-        """The same contacts in the modes and with the slips of another state."""
+        """The same contacts with the modes and slips of another state."""
         return self if state is self.state else self._replace(state=state, line=linearise(state, self.law))
 
 
@@ -134,7 +134,7 @@ def residual(state: State, law: Law):
 
 
 def balanced(state: State, law: Law) -> LinearisedState:
-    """Linearised state, each contact in its mode under the law; raise ValueError if its forces do not balance."""
+    """Linearised state with each contact in its mode under the law; raise ValueError if its forces do not balance."""
     here = linearised(state, law)
     here = here.with_modes(modes_under(state, law, here.line))
     if (residual := force_imbalance(here)) > BALANCED_BELOW:
@@ -217,7 +217,7 @@ def likely_causes(state: Committed, law: Law) -> tuple[str, ...]:
     """Possible reasons why the forces of a packing do not balance, the most informative first.
 
     The state can reveal contacts that were never sheared, missing confinement, motion, and positions with few digits.
-    A different contact law cannot be seen in the state and is always listed last.
+    A wrong contact law leaves no trace in the state, so it is always listed last.
     """
     return causes_of_imbalance(linearised(state, law))
 
@@ -362,7 +362,7 @@ def modes_under(state: State, law: Law, line: Linearisation) -> State:
 
 
 def with_mode(state: State, rows: np.ndarray, mode: int) -> State:
-    """State with the contacts in some rows in another mode."""
+    """State in which the contacts of some rows have another mode."""
     modes = state.contacts.mode.copy()
     modes[rows] = mode
     return state._replace(contacts=state.contacts._replace(mode=modes))

@@ -147,7 +147,7 @@ class BirthForm(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Prediction of the form, in words."""
+        """Prediction of the normal form, in words."""
         i, j = self.limit_contact if self.limit <= self.opening else self.opening_contact
         what = "reaches the Coulomb limit" if self.limit <= self.opening else "opens"
         end = "no contact is lost"
@@ -186,7 +186,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     Raises
     ------
     ValueError
-        if the state is not in equilibrium, has contacts at the Coulomb limit, or has no such pair.
+        If the state is not in equilibrium, has contacts at the Coulomb limit, or has no such pair.
 
     Source
     ------
@@ -201,7 +201,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
         raise ValueError(no_equilibrium_message(residual, 0.0))
     if at_limit:
         raise ValueError(
-            f"{pluralize(at_limit, 'contact')} at the Coulomb limit: forces have a kink here, and no normal form"
+            f"{pluralize(at_limit, 'contact')} at the Coulomb limit, where forces have a kink: there is no normal form"
         )
     pairs = stability(state, law).pairs
     pair = int(pair)
@@ -309,7 +309,7 @@ def _solver(matrix, shift: float, columns=None, rows=None):
 def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float, float, float]:
     """β, its value without slaved modes, and its value if the second harmonic grows at twice the rate of the pair.
 
-    All three follow from exact Jacobians at displacements along u₀ of ±`probe` and half of that.
+    All three follow from exact Jacobians at displacements along u₀ of ±`probe` and ±`probe`/2.
     """
     u0, w1, square = plane.u0, plane.w1, plane.value.real
     plus, minus = ([motion.tangent(sign * size * u0) for size in (probe, 0.5 * probe)] for sign in (1, -1))

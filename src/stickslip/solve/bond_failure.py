@@ -44,7 +44,7 @@ class FirstBreak(NamedTuple):
 
     @property
     def at(self) -> float:
-        """Amount at which it breaks; infinite if none does."""
+        """Amount at which the first bond breaks; infinite if none does."""
         return float(self.amount.min(initial=np.inf))
 
     @property
@@ -54,7 +54,7 @@ class FirstBreak(NamedTuple):
 
     @property
     def mode(self) -> str:
-        """Load that breaks it: "tension", "shear", "bending", "twisting" or "compression"; empty if none breaks."""
+        """Breaking load of the first bond: "tension", "shear", "bending", "twisting" or "compression", or empty."""
         return FAILURES[self.failure[self.bond]] if self.bond >= 0 else ""
 
 
@@ -69,11 +69,11 @@ def _describe(found: FirstBreak) -> str:
 def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress: Numbers | None = None) -> FirstBreak:
     """First bond to break under a strain or a stress that grows in proportion, in the linear response of the packing.
 
-    The loads of bonds change linearly with the amount, by the Jacobian, each contact held in its mode. Load over
-    strength is a convex function of the amount, so a bond reaches its strength at most once. The amount is
+    The loads of bonds change linearly with the amount, according to the Jacobian with each contact held in its mode.
+    Load over strength is a convex function of the amount, so a bond reaches its strength at most once. The amount is
     accurate if it is so small that few contacts open, close or slide before it is reached: it agreed with steps of
-    `equilibrate` to 0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`). Bonds
-    that fade soften before they break: they break earlier, by a quarter and more, and others may do so first.
+    `equilibrate` to 0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`). Fading
+    bonds soften before they break: they break earlier, by a quarter or more, and other bonds may break first.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
     Raises
     ------
     ValueError
-        if there are no intact bonds, if the forces do not balance, if neither or both of `strain` and `stress` are
+        If there are no intact bonds, if the forces do not balance, if neither or both of `strain` and `stress` are
         given, or as in `elastic_moduli`.
 
     Examples
@@ -199,7 +199,7 @@ def decisive_bonds(state: State, law: Law, *, most: NotNegative = 3) -> Decisive
     Raises
     ------
     ValueError
-        if there are no intact bonds or more than 2500 coordinates, or if the forces do not balance.
+        If there are no intact bonds or more than 2500 coordinates, or if the forces do not balance.
 
     Examples
     --------

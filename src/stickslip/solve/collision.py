@@ -227,7 +227,7 @@ def eq8_damping(
     Raises
     ------
     ValueError
-        if no γ_n solves the equation.
+        If no γ_n solves the equation.
 
     Source
     ------

@@ -92,8 +92,8 @@ def equilibrate(
         already checked.) It examines all directions if there are fewer than 700 coordinates, otherwise the 12 softest,
         unless the symmetric part of the stiffness is positive. "spectrum" also looks for complex pairs every time, by a
         dense eigenvalue computation. "nothing" skips the check
-    steps : int, largest number of steps of damped dynamics in each stage; at most 3000 while it continues from where
-        Newton's method stalled
+    steps : int, largest number of steps of damped dynamics in each stage; at most 3000 while dynamics continues from
+        where Newton's method stalled
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""Fastest growing complex pair of a large system: the bottom of the spectrum, then random probes above.
+"""Fastest-growing complex pair of a large system: the bottom of the spectrum, then random probes above.
 
 Growth is g = |Im √λ| ≈ Im λ/(2√λ), so pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
 modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
-modes are searched by tangent dynamics, see `solve.probes`. Where factors do not fit into memory, the probes search the
+modes are searched by tangent dynamics (see `solve.probes`). Where factors do not fit into memory, the probes search the
 whole spectrum.
 """
 
@@ -47,7 +47,7 @@ class ShiftWindow(NamedTuple):
 
 
 class ShiftWindows:
-    """Eigenvalues near shifts, by shift and invert, and the fastest growing one of them."""
+    """Eigenvalues near shifts, by shift and invert, and the fastest-growing one of them."""
 
     def __init__(self, matrix, norm: float, order: Dissection, rng):
         self.matrix, self.norm, self.order, self.rng = matrix, norm, order, rng
@@ -100,7 +100,7 @@ class ShiftWindows:
             return shift, FrontalFactor(self.matrix - shift * identity, self.order).solve
 
     def _keep(self, shift: float, values: np.ndarray, vectors, radius: float) -> np.ndarray:
-        """Store a window, and its fastest growing eigenvalue if it is faster than those of all others."""
+        """Store a window, and its fastest-growing eigenvalue if it grows faster than all found before."""
         real = np.abs(values.imag) <= REAL_BELOW * self.norm
         values = np.where(real, values.real, values)
         if not self.done:
@@ -200,7 +200,7 @@ class Bottom(NamedTuple):
 
 @readable
 class FastestPair(NamedTuple):
-    """Fastest growing eigenvalue found, and the guarantee of the search; `str` describes both."""
+    """Fastest-growing eigenvalue found, and the guarantee of the search; `str` describes both."""
 
     eigenvalue: complex | None  # Im λ > 0, or λ < 0 (buckling); None if none was found [1/time²]
     mode: np.ndarray | None  # (n,) complex, generalised displacement of unit mass-weighted norm
@@ -274,7 +274,7 @@ def fastest_pair(
     dense_below: int = DENSE_BELOW,
     factors_up_to: int = FACTORS_UP_TO,
 ) -> FastestPair:
-    """Find the fastest growing eigenvalue of −M⁻¹J in a large system.
+    """Find the fastest-growing eigenvalue of −M⁻¹J in a large system.
 
     The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs have low frequencies. All modes at the bottom of the
     spectrum are computed by shift and invert, and their number is compared with that of the symmetric part of the
@@ -287,8 +287,7 @@ def fastest_pair(
     amplification : float, exponent gT at which the search for modes ends; at 1.4, real doublets look like pairs, and
         the ranking is wrong
     rate : float, slowest growth rate that the search above the bottom covers [1/time]; the run time is inversely
-    proportional to
-    it
+        proportional to it
     probes : int, number of random initial vectors, rounded up to a multiple of 16; a mode is missed if all of them
         excite it weakly
     report : called as report(stage, share done, text)
@@ -328,9 +327,9 @@ def find_fastest(
     factors_up_to: int = FACTORS_UP_TO,
     drag=None,
 ) -> FastestPair:
-    """Fastest growing eigenvalue of a given A in the coordinates `free`; see `fastest_pair`.
+    """Fastest-growing eigenvalue of a given A in the coordinates `free`; see `fastest_pair`.
 
-    With dashpots, q̈ = −A q + `drag` q̇, and the result is λ = −s² of the fastest growing exponent s, found by probes
+    With dashpots, q̈ = −A q + `drag` q̇, and the result is λ = −s² of the fastest-growing exponent s, found by probes
     alone.
     """
     touched = np.flatnonzero(abs(matrix).sum(axis=1) > 0)  # rattlers have rows of zeros

@@ -203,7 +203,7 @@ def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE
 
 
 def _paths(n: int, i: np.ndarray, j: np.ndarray) -> list[np.ndarray]:
-    """Grains of paths of SHORTEST or more, in their order, longest first; no grain has more than two links."""
+    """Paths of at least SHORTEST grains, in their order, longest path first; no grain has more than two links."""
     near: list[list[int]] = [[] for _ in range(n)]
     for a, b in zip(i.tolist(), j.tolist(), strict=True):
         near[a].append(b)
@@ -226,7 +226,7 @@ def _paths(n: int, i: np.ndarray, j: np.ndarray) -> list[np.ndarray]:
 def strong_network(source: Source, law: Law | None = None, *, tension: bool = False) -> StrongNetwork:
     """Contacts with a normal force above the mean, and the largest cluster of grains that they join.
 
-    The mean, and the pressure of which they carry a share, are those of the contacts that do not pull.
+    The mean force, and the pressure of which these contacts carry a share, are those of contacts that do not pull.
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
 
     Parameters
     ----------
-    source, law : as in `force_network`; ValueError unless the normal forces add up to a compression
+    source, law : as in `force_network`; raise ValueError unless the normal forces add up to a compression
 
     Source
     ------

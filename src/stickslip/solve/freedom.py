@@ -15,7 +15,7 @@ from ..core.measure import Committed, branch_vectors, least_supports, rattlers, 
 from ..core.readable import readable
 from ..core.state import State, groups
 
-ZERO_BELOW = 1e-10  # fraction of the largest |λ| below which an eigenvalue is zero
+ZERO_BELOW = 1e-10  # fraction of the largest |λ| below which an eigenvalue counts as zero
 PAIR_ABOVE = 1e-9  # fraction of the largest |λ| above which |Im λ| is more than round-off
 
 
@@ -53,7 +53,7 @@ class Freedom(NamedTuple):
         return (len(np.atleast_1d(self.place)) - 9) // 6
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry has a wrong type, shape or range."""
+        """Raise ValueError if an entry has a wrong type, shape or range."""
         sizes = {"n": len(np.atleast_1d(self.component)), "places": 6 * self.bodies + 9}
         sizes["last"] = sizes["n"] - 1
         check_entry("free.component", self.component, Field(np.int64, ("n",), 0, sizes["places"] - 1), sizes)
@@ -91,7 +91,7 @@ class Freedom(NamedTuple):
         return self.only(~np.append(bodies, False)[self.body])
 
     def only(self, kept: np.ndarray, length: float | None = None) -> "Freedom":
-        """Freedom of the coordinates of a mask (n,), all others are prescribed; without the cell, its length is 0."""
+        """Freedom of the coordinates in a mask (n,), all others prescribed; `length` is 0 without those of the cell."""
         length = self.length if length is None else length
         number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
         return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place], length)
@@ -282,7 +282,7 @@ class EquationsOfMotion(NamedTuple):
 @checked
 @knows_bonds
 def equations_of_motion(state: Committed, law: Law, free: Freedom | None = None) -> EquationsOfMotion:
-    """Linearise the motion of an accepted state, each contact held in its mode.
+    """Linearise the motion of an accepted state, with each contact held in its mode.
 
     The coordinates are those of `freedom(state)` unless `free` is given, such as `modes.backbone(state, law)`.
     `io.write_matrices` writes the result. The sign of J is that of a force: the eigenvalues of −M⁻¹J are λ.
@@ -310,7 +310,7 @@ def equations_of_motion(state: Committed, law: Law, free: Freedom | None = None)
 @checked
 @knows_bonds
 def dynamical_matrix(state: State, law: Law, free: Freedom | None = None):
-    """(n, n) sparse A = −M^(−1/2) J M^(−1/2) of an accepted state, each contact held in its mode [1/time²].
+    """(n, n) sparse A = −M^(−1/2) J M^(−1/2) of an accepted state, with each contact held in its mode [1/time²].
 
     It is similar to −M⁻¹J, and symmetric if the forces have a potential. Its eigenvalues are λ, and its eigenvectors
     divided by √mass are the modes.

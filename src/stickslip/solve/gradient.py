@@ -47,7 +47,7 @@ class Gradient(NamedTuple):
     """Derivatives of an eigenvalue, of a modulus, or of the norm of unbalanced forces (positions and slips given)."""
 
     value: complex  # λ [1/time²]; s [1/time] with dashpots; or the modulus, which is real [force/length^(dim−1)]
-    condition: float  # ‖u‖‖v‖/|uᴴv| of λ or s; derivatives diverge with it at the birth of a pair; else NaN
+    condition: float  # ‖u‖‖v‖/|uᴴv| of λ or s, NaN for others; diverges, as the derivatives do, where a pair is born
     by_force: np.ndarray  # (N + W, 6) complex, by external forces and torques/R, with relaxed grains and slips
     by_radius: np.ndarray  # (N,) complex, by radii at constant M, with relaxed grains and slips
     by_parameter: dict[str, complex]  # by nonzero parameters common to all materials, with relaxed grains
@@ -116,7 +116,7 @@ def eigenvalue_gradient(state: State, law: Law) -> Gradient:
     Raises
     ------
     ValueError
-        beyond 2500 coordinates, 1250 with dashpots; if the forces do not balance; for laws with moments, and for cells
+        Beyond 2500 coordinates, 1250 with dashpots; if the forces do not balance; for laws with moments, and for cells
         that follow a stress.
 
     Source
@@ -145,7 +145,7 @@ def _eigenvalue_gradient(here: LinearisedState) -> Gradient:
 def modulus_gradient(state: State, law: Law, strain: Numbers) -> Gradient:
     """Derivatives of the modulus E:C:E of a displacement gradient E; see `elastic_moduli` and `eigenvalue_gradient`.
 
-    C_xyxy belongs to E = [[0, 1], [0, 0]], dim² times the bulk modulus to the unit matrix.
+    E = [[0, 1], [0, 0]] gives C_xyxy, and the unit matrix gives dim² times the bulk modulus.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def modulus_gradient(state: State, law: Law, strain: Numbers) -> Gradient:
     Raises
     ------
     ValueError
-        where `elastic_moduli` or `eigenvalue_gradient` raises it.
+        Where `elastic_moduli` or `eigenvalue_gradient` raises it.
 
     Examples
     --------
@@ -194,7 +194,7 @@ def residual_gradient(state: State, law: Law) -> Gradient:
     Raises
     ------
     ValueError
-        if all forces balance to round-off, where the norm has no derivative; for laws and cells that
+        If all forces balance to round-off, where the norm has no derivative; for laws and cells that
         `eigenvalue_gradient` rejects.
 
     Examples
@@ -342,13 +342,13 @@ def _by_parameter(task: _Task, pushed: np.ndarray) -> dict[str, complex]:
 
 
 def _balanced(state: State, law: Law) -> LinearisedState:
-    """Linearised state in equilibrium, if its eigenvalues have derivatives that are implemented."""
+    """Linearised state in equilibrium; raise ValueError if derivatives of its eigenvalues are not implemented."""
     _differentiable(linearised(state, law))
     return balanced(state, law)
 
 
 def _differentiable(here: LinearisedState) -> LinearisedState:
-    """The same linearised state, if its forces have derivatives that are implemented."""
+    """The same linearised state; raise ValueError if derivatives of its forces are not implemented."""
     state, law = here.state, here.law
     if angular_columns(law):
         raise ValueError("derivatives do not support laws with moments or lever arms R − δ/2")
@@ -404,7 +404,7 @@ def _deciding_exponent(here: LinearisedState) -> _Mode:
 
 
 def _at_contacts(here: LinearisedState, *modes: np.ndarray) -> list[np.ndarray]:
-    """(C, 6) of mass-weighted modes at the contacts."""
+    """(C, 6) components of mass-weighted modes at the contacts."""
     free, q = here.backbone, incidence(here.state, len(here.line.closed), here.backbone).T
     return [(q @ (mode / np.sqrt(free.mass))).reshape(-1, 6) for mode in modes]
 
@@ -415,7 +415,7 @@ def _every_coordinate(state: State) -> Freedom:
 
 
 def _steps(state: State) -> np.ndarray:
-    """(B,) steps of differences, small against the overlaps, gaps and slips of a body."""
+    """(B,) steps of differences, small compared with the overlaps, gaps and slips of a body."""
     contacts, size = state.contacts, np.abs(overlaps(state))
     slip = np.linalg.norm(contacts.slip[: len(size)], axis=1)
     size = np.clip(slip, LEAST * size, size)
@@ -485,8 +485,8 @@ def verdict_probability(
 
     Normal errors are added to all positions; slips keep their given values. Errors of X-ray or photoelastic data are
     much larger than the displacements to which forces are sensitive, so the samples need not balance: the balancing
-    forces of the given positions are assumed. The decisive contact is the one whose distance contributes most to the
-    variance of λ to first order. For errors of 1e-4, this `deviation` was within 3 % of the spread of 200 samples
+    forces of the given positions are assumed. The decisive contact is the one whose distance contributes most, to first
+    order, to the variance of λ. For errors of 1e-4, this `deviation` was within 3 % of the spread of 200 samples
     (`tests/modes/test_gradient.py`).
 
     Parameters
@@ -497,7 +497,7 @@ def verdict_probability(
     Raises
     ------
     ValueError
-        as in `eigenvalue_gradient`.
+        As in `eigenvalue_gradient`.
     """
     require_sizes([Size("these are", samples, "members", "use fewer samples")])
     if position_error > 1:

@@ -36,7 +36,7 @@ INNER = 2.0  # inner radius of a fit, in mean diameters
 
 @readable
 class Rings(NamedTuple):
-    """Mean displacements in rings around a centre, in shells in three dimensions."""
+    """Mean displacements in rings around a centre (shells in three dimensions)."""
 
     radius: np.ndarray  # (Q,) [length]
     spread: np.ndarray  # (Q,) standard deviation of the distances in each [length]
@@ -287,9 +287,9 @@ class Inflation(NamedTuple):
     def fit(self, *, inner: float | None = None, outer: float | None = None) -> ScreeningFits:
         """Fits of elasticity and of screening to means over rings, and their comparison; see `ScreeningFits`.
 
-        Rings are a mean diameter wide, shells in three dimensions half of it. Their errors follow from the scatter
-        between centres if there are at least ten, otherwise between eight equal sectors around each, so they are
-        valid although neighbours move together.
+        Rings are one mean diameter wide, and shells in three dimensions half as wide. Their errors follow from the
+        scatter between centres if there are at least ten, otherwise between eight equal sectors around each, so they
+        are valid although neighbours move together.
 
         Parameters
         ----------
@@ -298,7 +298,7 @@ class Inflation(NamedTuple):
         Raises
         ------
         ValueError
-            if there are fewer than five rings with ten grains.
+            If there are fewer than five rings with ten grains.
         """
         ends = INNER * self.diameter if inner is None else inner, self.outer if outer is None else outer
         require_not_negative(inner=ends[0], outer=ends[1])
@@ -310,7 +310,7 @@ class Inflation(NamedTuple):
 def inflate(
     state: State, law: Law, grain: Bodies | None = None, *, growth: float = 1e-6, within: NotNegative = 0.0
 ) -> Inflation:
-    """Linear response to the inflation of a grain: u = −J⁻¹ ∂f/∂R · growth · R, each contact held in its mode.
+    """Linear response to the inflation of a grain: u = −J⁻¹ ∂f/∂R · growth · R, with each contact held in its mode.
 
     A contact that slides keeps sliding, even if it would stick in a step of `protocols.inflate`. The two differed by up
     to 0.02 % of the largest displacement for a growth of 1e-6, and by 0.2 % for 1e-5 (`tests/modes/test_inclusion.py`).
@@ -329,7 +329,7 @@ def inflate(
     Raises
     ------
     ValueError
-        if the forces do not balance; if a grain is a rattler or held; if a contact changes; if nothing resists
+        If the forces do not balance; if a grain is a rattler or held; if a contact changes; if nothing resists
         inflation.
 
     Source
@@ -364,7 +364,7 @@ def inflate(
 
 
 def inflated_grains(here: LinearisedState, grain, growth: float, within: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (M,), and masks of the grains that grow with each, (M, N) bool; ValueError if they cannot."""
+    """Centres (M,), and masks of the grains that grow with each, (M, N) bool; raise ValueError if they cannot grow."""
     state, n, moves = here.state, len(here.loose), _moves(here)
     if not (-1 < growth <= 1 and abs(growth) >= LEAST):
         raise ValueError(f"growth must be above −1 and at most 1, and at least {LEAST:g} in size, got {growth:g}")
@@ -422,14 +422,14 @@ def _offsets(state: State, points: np.ndarray) -> np.ndarray:
 
 
 def _middle(state: State) -> np.ndarray:
-    """(3,) middle of the cell, along axes that are not periodic that of the grains [length]."""
+    """(3,) middle of the cell or, along axes that are not periodic, of the grains [length]."""
     position = state.grains.position
     middle = (position.min(axis=0) + position.max(axis=0)) / 2
     return np.where(state.cell.periodic, state.cell.vectors.sum(axis=0) / 2, middle)
 
 
 def _distance_to_boundary(state: State, center: int, offset: np.ndarray) -> float:
-    """Radius of the largest circle or sphere around a centre that is in the cell, among free grains [length]."""
+    """Radius of the largest circle or sphere around a centre that lies in the cell and among free grains [length]."""
     dim, from_center = state.cell.dim, state.grains.position - state.grains.position[center]
     height = 1 / np.linalg.norm(np.linalg.inv(state.cell.vectors), axis=0)
     sides = np.where(state.cell.periodic, height / 2, np.minimum(from_center.max(axis=0), -from_center.min(axis=0)))

@@ -114,6 +114,6 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> 
 
 
 def _reach(value: np.ndarray, step: np.ndarray) -> float:
-    """Longest step along which all values stay positive, at most 1/BACK, for a full step after the factor BACK."""
+    """Longest step along which no value becomes negative, at most 1/BACK: times BACK, this is a full step."""
     falls = step < 0
     return min(1 / BACK, (-value[falls] / step[falls]).min(initial=np.inf))

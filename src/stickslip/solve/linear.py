@@ -71,7 +71,7 @@ def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> S
     Raises
     ------
     LinAlgError
-        if the matrix is singular to round-off.
+        If the matrix is singular to round-off.
     """
     method = method or ("dense" if matrix.shape[0] < DENSE_BELOW else "pardiso" if has_pardiso() else "superlu")
     if method == "superlu":
@@ -258,7 +258,7 @@ class FrontalFactor:
     Raises
     ------
     LinAlgError
-        if a block of pivots is singular to round-off.
+        If a block of pivots is singular to round-off.
     """
 
     def __init__(self, matrix, order: Dissection):

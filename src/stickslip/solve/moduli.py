@@ -96,7 +96,8 @@ class ElasticModuli(NamedTuple):
     def odd_torque(self) -> float:
         """A of the isotropic part of C in two dimensions: τ_yx − τ_xy = 2A (G_xx + G_yy); source: as for `odd_shear`.
 
-        It is zero where torques balance, up to the overlap over the diameter, which lever arms R neglect.
+        It vanishes where torques balance. With lever arms R it does so only up to terms of the order of overlap over
+        diameter.
         """
         return float(self._planar[1, 0]) if self.dim == 2 else 0.0
 
@@ -141,7 +142,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     Raises
     ------
     ValueError
-        if the state has walls, rigid groups, springs or open sides, or if a strain drives unresisted motions.
+        If the state has walls, rigid groups, springs or open sides, or if a strain drives unresisted motions.
 
     Source
     ------
@@ -200,7 +201,7 @@ def with_free_cell(state: State, law: Law):
 
 
 def check_cell(state: State, what: str) -> None:
-    """Raise ValueError if a cell cannot be strained as a whole; the message names the quantity that needs it."""
+    """Raise ValueError if a cell cannot be strained as a whole; the message names the quantity that requires this."""
     control, periodic = state.control, state.cell.periodic[: state.cell.dim]
     if len(state.walls.mass) or (control.group >= 0).any() or control.spring.any() or not periodic.all():
         raise ValueError(
@@ -280,12 +281,12 @@ class ModuliBounds(NamedTuple):
 
     @property
     def bulk(self) -> tuple[float, float, float]:
-        """K of the three."""
+        """K of the three tensors: lower bound, C, upper bound."""
         return tuple(_bulk_and_shear(c)[0] for c in self)
 
     @property
     def shear(self) -> tuple[float, float, float]:
-        """G of the three."""
+        """G of the three tensors: lower bound, C, upper bound."""
         return tuple(_bulk_and_shear(c)[1] for c in self)
 
 
@@ -308,7 +309,7 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
     Raises
     ------
     ValueError
-        as in `elastic_moduli`, or if no forces balance under some stress.
+        As in `elastic_moduli`, or if no forces balance under some stress.
 
     Source
     ------

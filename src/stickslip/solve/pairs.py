@@ -336,7 +336,7 @@ def complex_pairs(
     Raises
     ------
     ValueError, LinAlgError
-        if there are no coordinates or more than 12,000; or if a candidate could not be refined.
+        If there are no coordinates or more than 12,000; or if a candidate could not be refined.
 
     Source
     ------
@@ -512,7 +512,7 @@ def _search_by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.nd
     Raises
     ------
     LinAlgError
-        if Arnoldi's method does not converge.
+        If Arnoldi's method does not converge.
     """
     # off the eigenvalue itself
     shift = np.trace(_subspace_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale

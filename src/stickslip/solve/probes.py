@@ -102,9 +102,9 @@ class ProbeRun:
         return (time.perf_counter() - begin) / 2 * steps
 
     def tune(self, value: complex | None) -> None:
-        """Choose the weights for which dashpots act without error on modes at the frequency of a peak, or else the lag.
+        """Choose weights that make dashpots exact for modes at the frequency of a peak, or else those of the lag.
 
-        They now solve exp(−iθ/2) + before exp(−3iθ/2) = 1.
+        The weights w of the present and the previous velocity solve w₀ exp(−iθ/2) + w₁ exp(−3iθ/2) = 1.
         """
         theta = 0.0 if value is None else self.angle(value)
         exact = 1e-3 < theta < np.pi / 2  # at higher frequencies, the weights would drive slow modes
@@ -150,8 +150,7 @@ class ProbeRun:
             return power, float(np.abs(q).max())
 
     def _excess(self, leaks: bool = False) -> tuple[np.ndarray, np.ndarray, float]:
-        """Power gained since the first span, the smallest power that stands out, and the power of a mode of unit
-        amplitude.
+        """Power gained since the first span, smallest power that stands out, and power of a mode of unit amplitude.
 
         If a growing mode `leaks` into most frequencies, their power is not noise: there, 8.5 times the first power
         stands out.

@@ -175,7 +175,7 @@ def frequency_response(
     Raises
     ------
     ValueError
-        if the forces do not balance; if a frequency is negative, or that of a resonance without damping; if a drive
+        If the forces do not balance; if a frequency is negative, or that of a resonance without damping; if a drive
         moves nothing, or a rigid group other than as a whole; if a component does not exist, such as the rotation of a
         wall.
 
@@ -324,14 +324,14 @@ def in_plane(state: State, **named) -> np.ndarray:
 
 
 def require_direction(**named) -> None:
-    """Raise ValueError with a one-sentence message if a vector (K, dim) is zero, or nearly so."""
+    """Raise ValueError if a vector (K, dim) is zero, or nearly so."""
     for name, value in named.items():
         if not (np.abs(value).max(axis=1) >= 1 / LARGEST).all():
             raise ValueError(f"{name} = 0 has no direction: give a nonzero vector")
 
 
 def require_allowed(state: State, k: np.ndarray) -> None:
-    """Raise ValueError with a one-sentence message if the cell does not allow a wave vector (K, dim)."""
+    """Raise ValueError if the cell does not allow a wave vector (K, dim)."""
     dim = state.cell.dim
     turns = k @ state.cell.vectors[:dim, :dim][state.cell.periodic[:dim].astype(bool)].T / (2 * np.pi)
     for worst in k[(np.abs(turns - np.round(turns)) > ALLOWED).any(axis=1)]:
@@ -353,7 +353,7 @@ def plane_wave(state: State, wavevector: Numbers, direction: Numbers) -> np.ndar
     Raises
     ------
     ValueError
-        if the cell does not allow k, e is zero, or one of them leaves the plane of disks.
+        If the cell does not allow k, e is zero, or one of them leaves the plane of disks.
     """
     k, e = in_plane(state, wavevector=wavevector), in_plane(state, direction=direction)
     require_shape((1, state.cell.dim), wavevector=k, direction=e)
@@ -402,7 +402,7 @@ def stress_change(state: State, law: Law) -> np.ndarray:
     Raises
     ------
     ValueError
-        if the cell is not periodic in all its dimensions.
+        If the cell is not periodic in all its dimensions.
     """
     dim = state.cell.dim
     if len(state.walls.mass) or not state.cell.periodic[:dim].all():
@@ -470,7 +470,7 @@ def complex_moduli(
     Raises
     ------
     ValueError
-        if the forces do not balance; if the state has walls, rigid groups, springs or open sides; if a frequency is
+        If the forces do not balance; if the state has walls, rigid groups, springs or open sides; if a frequency is
         negative, or that of a resonance without damping; at ω = 0 as in `elastic_moduli`.
 
     Source

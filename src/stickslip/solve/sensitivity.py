@@ -45,7 +45,7 @@ class ContactSensitivity(NamedTuple):
     condition: float  # ‖w‖‖v‖/|wᴴv| of λ, with left mode w, right mode v; diverges at a pair's birth; NaN without
     contacts: np.ndarray  # (C,) rows of the contact list that touch and support the packing
     derivative: np.ndarray  # (C,) complex ∂λ/∂ln s for a factor s on each contact's stiffness; empty without a pair
-    growth_rate: float  # growth rate of the fastest growing mode, 0 if none grows [1/time]
+    growth_rate: float  # growth rate of the fastest-growing mode, 0 if none grows [1/time]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
     contact: np.ndarray  # (K,) row of the contact list for each change
     i: np.ndarray  # (K,) the bodies in contact
@@ -121,7 +121,7 @@ def contact_sensitivity(
     Raises
     ------
     ValueError
-        if there are more than 2500 coordinates, or no such pair; if the packing has only rattlers, or is not in
+        If there are more than 2500 coordinates, or no such pair; if the packing has only rattlers, or is not in
         equilibrium.
 
     Source
@@ -150,7 +150,7 @@ def contact_sensitivity(
     if not len(free):
         raise ValueError("the packing has only rattlers: sensitivities need grains that support each other")
     if len(free) > AT_MOST:
-        raise ValueError(f"sensitivities need all modes, of at most {AT_MOST} coordinates, got {len(free)}")
+        raise ValueError(f"sensitivities need all modes: use at most {AT_MOST} coordinates, got {len(free)}")
     if (residual := force_imbalance(here)) > BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     with suitable_threads(len(free)):

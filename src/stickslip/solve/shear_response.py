@@ -203,7 +203,7 @@ class Response:
 
 
 def _solve(matrix: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Solution of a linear system; the shortest one if grains float, so the matrix is singular to round-off."""
+    """Solution of a linear system; the shortest one if floating grains make the matrix singular to round-off."""
     try:
         x = np.linalg.solve(matrix, b)
         if np.abs(matrix @ x - b).max(initial=0.0) <= SOLVED * np.abs(b).max(initial=0.0):

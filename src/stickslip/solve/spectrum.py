@@ -98,7 +98,7 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     Raises
     ------
     ValueError
-        beyond 10,000 coordinates, where a dense solution takes hours; use `complex_pairs` or `fastest_pair`.
+        Beyond 10,000 coordinates, where a dense solution takes hours; use `complex_pairs` or `fastest_pair`.
 
     Source
     ------
@@ -194,7 +194,7 @@ def near_zero(matrix, count: int, tolerance: float) -> tuple[np.ndarray, np.ndar
 
 
 def symmetric_part_is_positive(matrix, rigid: np.ndarray) -> bool:
-    """Return True if no direction has negative stiffness, without a factorisation; False if there is one or in doubt.
+    """Return True if no direction has negative stiffness, and False otherwise or in doubt; needs no factorisation.
 
     Lanczos's method finds the smallest eigenvalue of the symmetric part, scaled to a unit diagonal, which leaves the
     number of negative eigenvalues unchanged. If it is positive, all eigenvalues of the matrix have positive real parts.
@@ -225,7 +225,7 @@ def damped_growth(
 ) -> np.ndarray:
     """Exponents s of exp(st) of the linearised motion M q̈ = J q + C q̇ − M ν q̇, sorted by real part, largest first.
 
-    All free coordinates are included, also rattlers and common translations: without drag, each adds s = 0 twice.
+    All free coordinates are included, even rattlers and common translations; without drag, each adds s = 0 twice.
     All eigenvalues are computed, by LAPACK: the exponents of a single contact are those of its closed form to 1e-12
     (`tests/unit/test_damped.py`).
 

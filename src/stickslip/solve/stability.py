@@ -76,7 +76,7 @@ class Stability(NamedTuple):
     free: Freedom
     method: str  # method used: "dense", "pairs", "certify", "fastest" or "none"; `way` describes it
     scope: str  # limits of the analysis, in words
-    causes: tuple[str, ...]  # possible reasons why forces do not balance, see `likely_causes`; empty if they do
+    causes: tuple[str, ...]  # possible reasons why forces do not balance (see `likely_causes`); empty if they do
     at_limit: int = 0  # contacts at the Coulomb limit under sharp friction; this spectrum assumes that all keep sliding
     if_stuck: "Stability | None" = None  # stability if these contacts stick; None without such contacts
     undamped: "Stability | None" = None  # stability without the dashpots of the law; None if it has none
@@ -158,9 +158,9 @@ class Stability(NamedTuple):
 def combine_stability(sliding, stuck) -> bool | None:
     """Combine the verdicts for contacts at the Coulomb limit when they keep sliding and when they stick.
 
-    Small disturbances make these contacts stick, so a mode that grows in this case is unstable. A mode that grows only
-    while all of them keep sliding in one direction requires a motion that keeps them sliding; the verdict is then
-    undecided, as it is if growth was seen but not verified.
+    Small disturbances make these contacts stick, so a mode that grows in this case makes the packing unstable. A mode
+    that grows only while all of them keep sliding in one direction requires a motion that keeps them sliding; the
+    verdict is then undecided, as it is if growth was found but not verified.
     """
     if (stuck or sliding).grows:
         return False
@@ -205,13 +205,13 @@ def stability(
     Parameters
     ----------
     dashpots : if False, dashpots of the law are ignored, and every complex pair grows
-    method : task: "fastest" (the fastest growing pair), "all" (all complex pairs), "certify" (also a
+    method : task: "fastest" (the fastest-growing pair), "all" (all complex pairs), "certify" (also a
         certificate of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000
         coordinates, "fastest" beyond). Each uses the cheapest algorithm, given by `Stability.method`: LAPACK up to 1500
         coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With dashpots,
         all exponents are computed up to 1250 coordinates (with "dense", 4000). In larger packings, exponents are
         searched for near those of the undamped motion, which are found with this method; beyond 90,000 coordinates,
-        probes find the fastest growing one. With dashpots there is no certificate
+        probes find the fastest-growing one. With dashpots there is no certificate
     saved : file in which a search for the fastest pair is saved every minute, and from which it continues; it is
         removed at the end
     report : called as report(stage, share done, text)
@@ -219,7 +219,7 @@ def stability(
     Raises
     ------
     ValueError
-        if the state is too large for the method; the message names one that can be used.
+        If the state is too large for the method; the message names one that can be used.
 
     Source
     ------
@@ -415,7 +415,7 @@ def _summary(result: Stability) -> str:
 
 
 def _rows(result: Stability):
-    """Rows of a table: the verdict and its basis, then the growing modes, fastest first."""
+    """Table rows: the verdict and its basis, then the growing modes, fastest first."""
     yield "verdict", result.verdict
     for cause in result.causes:
         yield "possible reason", cause

@@ -102,8 +102,8 @@ def transient_growth(
         factor.)
     duration : window that is searched [time]; default: 20 periods of the slowest mode, or a whole beat of the two most
         nearly coinciding modes if that is longer. Without dashpots, the motion is quasi-periodic and approaches its
-        supremum again and again, possibly only beyond this window: `amplitude` is the largest value found, `bound` an
-        upper bound
+        supremum repeatedly, possibly only beyond this window: `amplitude` is the largest value found, `bound` an upper
+        bound
     samples : number of evenly spaced times, in addition to a third as many early times and the times at which nearly
         coinciding modes are in opposite phase
     report : called as report(stage, share done, text)
@@ -111,7 +111,7 @@ def transient_growth(
     Raises
     ------
     ValueError
-        if a mode grows exponentially; if there are floppy modes; if there are more than 1500 coordinates; if K is not
+        If a mode grows exponentially; if there are floppy modes; if there are more than 1500 coordinates; if K is not
         positive definite and the norm is "energy"; if modes coincide to round-off.
 
     Source
@@ -139,7 +139,7 @@ def transient_growth(
     require_sizes([Size(f"samples = {samples} makes", samples, "samples", "use fewer")])
     free = backbone(state, law)
     if len(free) > AT_MOST:
-        raise ValueError(f"transient growth needs all modes, of at most {AT_MOST} coordinates, got {len(free)}")
+        raise ValueError(f"transient growth needs all modes: use at most {AT_MOST} coordinates, got {len(free)}")
     basis, pull, drag = reduced_matrices(state, law, free)
     with suitable_threads(len(pull)):
         motion, root = _modal_motion(pull, drag, norm)
@@ -178,7 +178,7 @@ def _amplitude_bound(motion: _ModalMotion) -> float:
 def reduced_matrices(state: State, law: Law, free: Freedom):
     """Orthonormal basis (n, r) of resisted motions without translations, and −A and the dashpots in this basis."""
     if not len(free):
-        raise ValueError("the packing has only rattlers: its motion needs grains that support each other")
+        raise ValueError("the packing has only rattlers: vibrations need grains that support each other")
     matrix = dynamical_matrix(state, law, free)
     rigid, size = translations(matrix, free), np.abs(matrix).sum(axis=1)
     held = size > REAL_BELOW * size.max()  # rotations without friction are not resisted
@@ -194,7 +194,7 @@ def reduced_matrices(state: State, law: Law, free: Freedom):
 
 
 def _modal_motion(pull: np.ndarray, drag: np.ndarray | None, norm: str) -> tuple[_ModalMotion, np.ndarray | None]:
-    """Modes of ÿ = −A y + D ẏ in the norm, and the Cholesky factor of the symmetric part of A if needed."""
+    """Modes of ÿ = −A y + D ẏ in a norm and, if the norm needs it, the Cholesky factor of the symmetric part of A."""
     n = len(pull)
     exponents, modes, inverse = _undamped_modes(pull) if drag is None else _damped_modes(pull, drag)
     if norm == "displacement":
@@ -412,7 +412,7 @@ def stationary_fluctuations(
     Raises
     ------
     ValueError
-        if a mode is undamped or grows; if there are more than 400 coordinates; if the forces do not balance;
+        If a mode is undamped or grows; if there are more than 400 coordinates; if the forces do not balance;
         if the symmetric part of the stiffness is not positive definite.
 
     Source
@@ -475,7 +475,7 @@ def energy_dynamics(pull: np.ndarray, drag: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def distance_to_instability(dynamics: np.ndarray) -> float:
-    """Smallest spectral norm of a change of a stable matrix L that brings an eigenvalue to the imaginary axis.
+    """Smallest spectral norm of a perturbation that moves an eigenvalue of a stable matrix L to the imaginary axis.
 
     It is the minimum over ω of the smallest singular value of L − iω. A value β is reached at those ω for which iω is
     an eigenvalue of a Hamiltonian matrix; between them the singular value is smaller, which gives the next β.

@@ -65,7 +65,7 @@ def trigger_amplitude(
     Raises
     ------
     ValueError
-        if the law has no sharp friction, or a contact is already at the limit; if neither or both of frequency and
+        If the law has smooth friction, or a contact is already at the limit; if neither or both of frequency and
         pulse are given; as in `frequency_response`.
 
     Source
@@ -89,7 +89,7 @@ def trigger_amplitude(
     drive = as_patterns(state, drive=drive)
     _check_drive(drive, frequency, times, factors)
     if law.coulomb != SHARP:
-        raise ValueError("the law has no sharp friction, so that contacts never reach its limit: use coulomb='sharp'")
+        raise ValueError("the law has smooth friction, so contacts never reach the Coulomb limit: use coulomb='sharp'")
     motion = forced_motion(state, law, drag, spin_drag)
     if count := len(motion.here.at_limit):
         raise ValueError(f"{pluralize(count, 'contact')} at the Coulomb limit: any disturbance moves them")

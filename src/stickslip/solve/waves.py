@@ -92,7 +92,7 @@ def allowed_wavevectors(state: State, count: Annotated[int, POSITIVE] = 12) -> n
     Raises
     ------
     ValueError
-        if the cell is not periodic in all its dimensions.
+        If the cell is not periodic in all its dimensions.
     """
     check_cell(state, "waves")
     dim = state.cell.dim
@@ -140,7 +140,7 @@ def dispersion(
     Raises
     ------
     ValueError
-        if the cell is not periodic, the forces do not balance, or the cell does not allow a wave vector.
+        If the cell is not periodic, the forces do not balance, or the cell does not allow a wave vector.
 
     Source
     ------
@@ -198,7 +198,7 @@ def wave_spectrum(
     Raises
     ------
     ValueError
-        as in `dispersion`, and beyond 2000 coordinates.
+        As in `dispersion`, and beyond 2000 coordinates.
     """
     motion, k = _waves_of(state, law, wavevector, drag, spin_drag)
     if (n := len(motion.free)) > ALL_UP_TO:
@@ -312,7 +312,7 @@ def _solver(motion: ForcedMotion, s: float):
 
 
 def _poles(mass: np.ndarray, drag: np.ndarray, stiff: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The p roots s with the largest Im s, of overdamped ones the slowest, and their vectors (p, p)."""
+    """The p roots s with the largest Im s (of overdamped ones, the slowest), and their vectors (p, p)."""
     p, unit = len(mass), np.sqrt(np.abs(stiff).max() / np.abs(mass).max()) or 1.0
     m = mass * unit**2
     lower = np.hstack([-np.linalg.solve(m, stiff), -np.linalg.solve(m, drag * unit)])
@@ -322,7 +322,7 @@ def _poles(mass: np.ndarray, drag: np.ndarray, stiff: np.ndarray) -> tuple[np.nd
 
 
 def _all_modes(pull: np.ndarray, drag: np.ndarray):
-    """Exponents s (M,), parts of velocity of their modes (r, M), and left modes (M, r) for a start with a velocity."""
+    """Exponents s (M,), velocity parts of their modes (r, M), and left modes (M, r) for an initial velocity."""
     n, unit = len(pull), np.sqrt(np.abs(pull).max())
     with suitable_threads(2 * n):
         if not drag.any():

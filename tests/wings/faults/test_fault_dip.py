@@ -294,7 +294,7 @@ def test_a_dipping_fault_prints_its_dip():
 def test_surface_stations_are_checked():
     with pytest.raises(ValueError, match="require in-plane shear and boundary = 'surface'"):
         friction.simulate_fault(small(shear="antiplane", dip=90.0), 1.0, recording=friction.Recording(surface=(1.0,)))
-    with pytest.raises(ValueError, match=r"finite distances from the trace, other than 0 \(use 0\.01 and −0\.01 m"):
+    with pytest.raises(ValueError, match=r"finite, nonzero distances from the trace \(use 0\.01 and −0\.01 m"):
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(surface=(0.0,)))
 
 

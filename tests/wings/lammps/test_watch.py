@@ -217,7 +217,7 @@ LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")
         "`dump local`"),
         (lambda d: None, [*WORDS, "--method", "fast"], "did you mean 'fastest'?"),
         (lambda d: None, [*WORDS, "--until-idle", "0"], "exclude each other"),
-        (lambda d: None, [*WORDS, "--out", "w.txt"], "use .csv"),
+        (lambda d: None, [*WORDS, "--out", "w.txt"], "must end in .csv"),
         (lambda d: (d / "watch.csv").write_text("1,2\n"), WORDS, "is not a table that stickslip watch wrote"),
         (lambda d: (d / "watch.csv").write_text(f"{TABLE}: {{}}\n{NAMES}5,1\n"), WORDS, "is not a table that"),
         (lambda d: (d / "watch.csv").write_text(f"{TABLE}: {{}}\n{NAMES}{'5,' * 40}\n"), WORDS, "is not a table that"),

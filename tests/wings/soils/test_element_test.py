@@ -482,7 +482,7 @@ def test_the_envelope_of_exact_circles_touches_them():
     distance = (found.cohesion + 0.5 * (sigma1 + sigma3) * np.tan(phi)) * np.cos(phi)  # from the middles
     assert distance == pytest.approx(0.5 * (sigma1 - sigma3))
     assert np.isnan(fit_envelope(sigma1[:2], sigma3[:2]).phi_error)
-    with pytest.raises(ValueError, match="two pressures"):
+    with pytest.raises(ValueError, match="two or more values of σ₃"):
         fit_envelope(sigma1[[0, 0]], sigma3[[0, 0]])
 
 
@@ -708,7 +708,7 @@ def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
         ),
         (["axial strain [%]", "q [kPa]", "p' [kPa]"], (-100, -2e-3, 1e-3), r"q is -500 kPa .* more than 1\.5 times"),
         (["axial strain [%]", "q [kPa]", "p' [kPa]"], (0, 1e-3, 1e-3), r"axial strain is constant in all rows"),
-        (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no column of a test of soil"),
+        (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no column of a soil test"),
     ],
 )
 def test_tables_with_contradictory_units_are_refused_in_one_sentence(tmp_path, heads, factors, words):

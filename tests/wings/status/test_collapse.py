@@ -197,7 +197,7 @@ def test_a_drag_needs_controls_that_do_not_move():
 
 def test_a_machine_replaces_a_force():
     state, _ = block(2)
-    with pytest.raises(ValueError, match="body 1 has no force to be exerted by a machine"):
+    with pytest.raises(ValueError, match="body 1 carries no load that a machine could exert"):
         ss.quasirigid.with_machine(state, 1, 10.0)
     with pytest.raises(ValueError, match="body 1 is not pulled by a spring: use `with_machine` first"):
         ss.quasirigid.with_travel(state.control, 1, [0, 0.1])

@@ -431,7 +431,7 @@ def test_a_plate_moves_by_force_over_stiffness():
     for point in path:
         way = point.state.grains.position - path[0].state.grains.position
         np.testing.assert_allclose(way[:, 0], point.load * press / kt, rtol=1e-6, atol=1e-12)
-    with pytest.raises(ValueError, match="a plate is pressed along −y"):
+    with pytest.raises(ValueError, match="the plate must be pressed along −y"):
         ss.protocols.plate_shear(law, [2]).step(path[0].state, 0.0)
 
 

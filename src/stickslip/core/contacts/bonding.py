@@ -1,4 +1,4 @@
-"""Bonds of a state: made between chosen grains, compared with their strength, broken."""
+"""Bonds of a state: creating them between chosen grains, comparing loads with strengths, breaking them."""
 
 from typing import Annotated
 
@@ -24,21 +24,21 @@ def bonded(
     within: NotNegative = 0.0,
     pairs: Annotated[np.ndarray, Array((2,), "iu")] | None = None,
 ) -> State:
-    """State with bonded grains; the rest length and orientation of each bond are the present ones.
+    """State with bonded grains; each bond is at rest at its present length and orientation.
 
     Bonds act in addition to the contact law, also across a gap. After a bond breaks, only the contact law acts.
 
     Parameters
     ----------
     bond : from `laws.spring_bond`, `laws.beam_bond` or `laws.parallel_bond`
-    within : pairs of grains whose surfaces are at most this far apart are bonded; at most half the smallest height of
-        a periodic cell [length]
+    within : two grains are bonded if their surfaces are at most this far apart; not more than half the smallest height
+        of a periodic cell [length]
     pairs : (K, 2) numbers of the grains to bond instead, in their nearest periodic images
 
     Raises
     ------
     ValueError
-        if a pair contains a grain twice, a wall, a grain that does not exist, or is already bonded, if two of its
+        If a pair contains a grain twice, a wall, a grain that does not exist, or is already bonded, if two of its
         images are equally near, if `within` is too large, or if both `within` and `pairs` are given.
 
     Examples
@@ -55,7 +55,7 @@ def bonded(
 
 
 def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None, turn=None) -> State:
-    """State with grains bonded as in `bonded`, with a given reference.
+    """State with grains bonded as in `bonded`, with a given rest configuration.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def without_failure(state: State) -> State:
 
 
 def with_strength_of(state: State, before: State, *, mended: bool = False) -> State:
-    """State whose bonds have their previous strength and, if `mended`, are intact if they were before."""
+    """State whose bonds have their previous strength; if `mended`, those that were intact before are intact again."""
     if not state.bonds:
         return state
     kept = before.bonds if mended else state.bonds

@@ -70,9 +70,9 @@ def limits_of_bonds(bonds: Bonds, dim: int, here, vectors, way: np.ndarray | Non
 
 
 def judge_loads(bonds: Bonds, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Loads over strengths (K,) for given loads, see `BondLimits`, and indices in `FAILURES` of the breaking loads.
+    """Loads as fractions of the strengths (see `BondLimits`), and the load that breaks each bond (index in `FAILURES`).
 
-    The load that breaks a bond is the largest of those that add up to its strength.
+    Both are (K,). The load that breaks a bond is the largest of those that add up to its strength.
     """
     share, failure = np.zeros(len(load)), np.zeros(len(load), np.int8)
     core.judge_loads(bonds, np.ascontiguousarray(load), share, failure)

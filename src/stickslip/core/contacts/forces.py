@@ -23,7 +23,7 @@ from .neighbors import body_positions, body_radii, join_bodies, shifts, with_nei
 # that of this law
 FROZEN, HELD, FREE = 0, 1, 2
 GIVEN = 4  # added to HELD or FREE: the memory was not committed in motion but imported
-MIN_WEIGHT = 0.6  # least weight of an increment, see `turning_weight`; above 1/2, so that a slip can change its sign
+MIN_WEIGHT = 0.6  # least weight of an increment (see `turning_weight`); above 1/2, so that a slip can change its sign
 ROUND_OFF = (
     1e-11  # tolerance of slip, in units of R_i + R_j: a contact slides until its slip is below its limit by more
 )
@@ -53,7 +53,7 @@ class ContactLoads(NamedTuple):
     virial: np.ndarray  # (3, 3) Σ f ⊗ r over contacts between grains, elastic; only where the cell is free [energy]
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry has a wrong type or shape, or is not finite."""
+        """Raise ValueError if an entry has a wrong type or shape, or is not finite."""
         for name, field in _LOADS.items():
             check_entry(f"loads.{name}", getattr(self, name), field, {"bodies": len(np.atleast_1d(self.force))})
 
@@ -108,7 +108,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     state : State; positions may differ from those at which its memory was committed
     law : Law
     memory : FREE (default), HELD (no contact changes between stick and slide) or FROZEN (contacts that have not moved
-        keep their memory even if it is not that of this law)
+        keep their memory even if this contradicts the law)
 
     Returns
     -------
@@ -169,7 +169,7 @@ def accept(state: State, trial: Contacts) -> State:
     Raises
     ------
     ValueError
-        if the trial memory belongs to a state with another number of bodies.
+        If the trial memory belongs to a state with another number of bodies.
     """
     if len(trial.origin) != state.n_bodies:
         raise ValueError(

@@ -127,7 +127,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     Raises
     ------
     ValueError
-        if the list of contacts is not valid at these positions or, with HELD, a touching contact was never committed.
+        If the list of contacts is not valid at these positions or, with HELD, a touching contact was never committed.
 
     Source
     ------

@@ -20,7 +20,7 @@ TOO_FAR = f"touching or bonded grains are {_IMAGE_OFFSET} or more periodic boxes
 
 
 class TooFarApartError(ValueError):
-    """Two touching grains are more periodic boxes apart than keys can hold."""
+    """Two touching grains are more periodic boxes apart than a key can encode."""
 
 
 class Grid(NamedTuple):
@@ -46,7 +46,7 @@ def needs_rebuild(x, contacts) -> bool:
 
 
 def check_list(state: State, gap: float = 0.0) -> None:
-    """Raise ValueError if the list of contacts is not valid at the positions of a state, or across a gap."""
+    """Raise ValueError if the contact list is not valid at the positions of a state and across a gap."""
     if needs_rebuild(body_positions(state), state.contacts) or gap > state.contacts.gap:
         raise ValueError(
             "the list of contacts does not match these positions: equilibrate, or accept(state, trial) first"
@@ -90,10 +90,7 @@ def join_bodies(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
 
 
 def with_neighbor_list(state: State, law: Law | None = None) -> State:
-    """State with a list of contacts that is valid at its positions and for a given law.
-
-    The memory is matched by key.
-    """
+    """State with a contact list that is valid at its positions and for a law. Memory is matched by key."""
     if law is not None:
         state = state._replace(contacts=with_own_memory(with_range(state, law), law))
     x = body_positions(state)

@@ -5,7 +5,7 @@ truncated at the cap of the law and transported like the slip:
 
     ψ ← T (ψ + Δ(angle_i − angle_j)),   T = I − m nᵀ,   |ψ| ≤ cap/k_r,   M_i = −k_r ψ,   M_j = +k_r ψ,
 
-with m the mid-step normal, see `mid_normal` in `mechanics.h`.
+with m the mid-step normal (see `mid_normal` in `mechanics.h`).
 
 A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so the
 transpose of the matrix that maps coordinates to r, ρ and θ = angle_i − angle_j maps F, T/R and M to loads. The twist
@@ -50,9 +50,7 @@ class _MomentLinearisation(NamedTuple):
 
 
 def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np.ndarray, damp: np.ndarray):
-    """Derivatives (C, 9, 9) of (F, T/R, M) with respect to (r, ρ, θ), of which those without moments are given.
-
-    At rest; see `jacobian`.
+    """Add moments M to blocks: derivatives (C, 9, 9) of (F, T/R, M) with respect to (r, ρ, θ) at rest; see `jacobian`.
 
     dM = −[φ/|ψ| (I − ψ̂ψ̂ᵀ) + ∂φ/∂|ψ| ψ̂ψ̂ᵀ] dψ + ∂φ/∂δ ψ̂ (n·dr), with dψ as in `tangent`.
     """

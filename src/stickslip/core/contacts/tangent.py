@@ -29,7 +29,7 @@ class Turn(NamedTuple):
 
 
 def column(a: np.ndarray) -> np.ndarray:
-    """Factors of matrices, one per contact: (C,) to (C, 1, 1)."""
+    """Reshape factors of matrices, one per contact, from (C,) to (C, 1, 1)."""
     return a[:, None, None]
 
 

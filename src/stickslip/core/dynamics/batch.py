@@ -85,7 +85,7 @@ class Device(Protocol):
 
 
 class Processor:
-    """This processor, on one core: for tests, as it is far slower than running the systems one after another."""
+    """The host processor, on one core. It serves tests: running the systems one after another is far faster."""
 
     def allocate(self, arrays, law, sizes) -> None:
         """Allocate arrays of zeros, and set the law."""
@@ -122,7 +122,7 @@ def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | Run
     Raises
     ------
     ValueError
-        with a one-sentence message, if a device cannot run a leg, or if a time step is too long.
+        If a device cannot run a leg, or if a time step is too long.
     """
     return run_systems([prepare(leg) for leg in legs], device)
 
@@ -151,7 +151,7 @@ def run_systems(systems: list[System], device: Device) -> list[tuple[State, Reco
 
 
 def _run(device: Device, wanted: int, sizes: Sizes) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Run all systems until each has ended, or a list was too short; return `number`, and the events of each."""
+    """Run all systems until each has ended or a list is too short; return `number` and the events of each system."""
     events = [[] for _ in range(sizes.slots)]
     while True:
         number = device.run(wanted + 1)
@@ -170,7 +170,7 @@ def _run(device: Device, wanted: int, sizes: Sizes) -> tuple[np.ndarray, list[np
 
 
 def check_law(law: Law) -> None:
-    """Raise ValueError with a one-sentence message if a device cannot evaluate a law."""
+    """Raise ValueError if a device cannot evaluate a law."""
     own = isinstance(law.kind, Kind) or law_struct(law, members=FORCES)["force"] is not None
     if own or needs_rows(law) or angular_columns(law):
         name = "a user-defined law" if isinstance(law.kind, Kind) else NAMES[law.kind]
@@ -182,7 +182,7 @@ def check_law(law: Law) -> None:
 
 
 def check_leg(leg: Leg) -> None:
-    """Raise ValueError with a one-sentence message if a device cannot run a leg."""
+    """Raise ValueError if a device cannot run a leg."""
     state = leg.state
     check_materials(state, leg.law)
     check_law(leg.law)

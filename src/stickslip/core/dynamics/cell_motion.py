@@ -1,6 +1,6 @@
 """Motion of the deforming cell, and rates with a time profile.
 
-The cell deforms at a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v. For simple shear
+The cell deforms with a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v. For simple shear
 this is Newton's law with Lees–Edwards boundary conditions, written for velocities relative to the flow. Over a step,
 with A = (1 − ½ dt L)⁻¹ (1 + ½ dt L), every vector h of the cell becomes A h, and a position becomes
 A (x + ½ dt v) + ½ dt v, so that pair vectors do not depend on the origin. The term −L v is applied in two halves,
@@ -81,7 +81,7 @@ def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
     Raises
     ------
     ValueError
-        if G has another shape or leaves the plane, or if the state has walls (they would have to bend).
+        If G has another shape or leaves the plane, or if the state has walls (they would have to bend).
     """
     dim = state.cell.dim
     gradient = as_numbers(gradient)

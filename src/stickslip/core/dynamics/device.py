@@ -89,11 +89,11 @@ def open_device(name: str) -> Device:
     Raises
     ------
     ValueError
-        with a one-sentence message, if there is no device of this name.
+        If there is no device of this name.
     MissingExtraError
-        if CuPy is missing.
+        If CuPy is missing.
     RuntimeError
-        if no graphics processor responds.
+        If no graphics processor responds.
     """
     if name != "cuda":
         raise ValueError(f"device must be 'cuda', or omitted for ordinary processors, got {name!r}")
@@ -111,9 +111,9 @@ def run_batch(
     every: int = 0,
     device: str = "cuda",
 ) -> list[tuple[State, Record]]:
-    """Run many systems side by side on a graphics processor, like `run` one after another.
+    """Run many systems side by side on a graphics processor, as `run` does one after another.
 
-    Sums have a fixed order, so every run gives the same bits. They agree with those of `run` to round-off.
+    Sums have a fixed order, so results are bitwise reproducible. They agree with those of `run` to round-off.
     Returned states can be continued here or by `run`.
 
     Parameters
@@ -134,11 +134,11 @@ def run_batch(
     Raises
     ------
     ValueError
-        with a one-sentence message, if a device cannot run a system, or if dt is longer than `stable_time_step`
+        If a device cannot run a system, or if dt is longer than `stable_time_step`.
     MissingExtraError
-        if CuPy is missing
+        If CuPy is missing.
     RuntimeError
-        if no graphics processor responds, or if a system becomes unstable
+        If no graphics processor responds, or if a system becomes unstable.
 
     Source
     ------

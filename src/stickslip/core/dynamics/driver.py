@@ -50,7 +50,7 @@ def available_threads() -> int:
 
 
 def _thread_count(n: int, asked: int | None, watched: bool) -> int:
-    """Number of threads for a run. Events are recorded in memory order, which requires one thread."""
+    """Number of threads for a run: one if events are recorded, as this is done in memory order."""
     if watched or (asked is None and n < 2 * GRAINS_PER_THREAD):
         return 1
     wanted = min(available_threads(), n // GRAINS_PER_THREAD) if asked is None else asked
@@ -186,7 +186,7 @@ class _Run:
     def gather(self) -> Bodies:
         """Copy all bodies to new arrays in the state's order, and the contact memory to the contact list.
 
-        To save memory, keep the arrays only while they are in use.
+        Keep the arrays only while they are in use, to save memory.
         """
         core.commit_blocks(self.blocks, self.listed)
         here = self.known._replace(**{name: np.empty_like(self.moving.angle) for name in _MOVING_FIELDS})

@@ -138,7 +138,7 @@ class Dissipation(NamedTuple):
     dashpots: np.ndarray  # (C,)
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry is not a finite number."""
+        """Raise ValueError if an entry is not a finite number."""
         for name, values in self._asdict().items():
             check_entry(f"dissipation.{name}", values, Field(np.float64, ("contacts",)), {"contacts": len(values)})
 

@@ -70,7 +70,7 @@ class Record(NamedTuple):
 
     @property
     def volume(self) -> np.ndarray:
-        """Volume of the cell, (T,) [length^dim]; ValueError if the cell is not periodic in all its dimensions."""
+        """Volume of the cell, (T,) [length^dim]; raise ValueError if the cell is not periodic in all its dimensions."""
         return cell_volumes(self.cell, self.periodic, self.dim)
 
     @property
@@ -119,7 +119,7 @@ def _describe(record: Record) -> str:
 
 
 def _rows(record: Record):
-    """Rows of a table of a record: values at the first and last sample."""
+    """Table rows of a record: values at the first and last sample."""
     pressure = "force/length^(dim-1)"
     rows = [
         ("time", record.time, "time"),

@@ -122,11 +122,11 @@ def run(
 ):
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
-    The scheme is second order in dt, even with friction. Where contacts with dashpots close or open, it is of order 3/2
-    for `viscoelastic` damping, which starts as √δ v, and of first order for `velocity` and `mass_velocity` damping,
-    which act in full from the first touch. With slip_update="rate" it is of first order. The given state is not
-    modified. If `tolerance` > 0, the run stops early once both the largest unbalanced force (or torque/R) and the
-    largest drag force are below it.
+    The scheme is second order in dt, even with friction. Where contacts with dashpots close or open, its order is 3/2
+    for `viscoelastic` damping, which starts as √δ v, and 1 for `velocity` and `mass_velocity` damping, which act in
+    full from the first touch. With `slip_update="rate"` its order is 1. The given state is not modified. If `tolerance`
+    > 0, the run stops early once both the largest unbalanced force (or torque/R) and the largest drag force are below
+    it.
 
     Parameters
     ----------
@@ -136,8 +136,8 @@ def run(
     probes : grains whose position and angle are sampled
     events : also record each contact that closes, opens, or first reaches the Coulomb limit since it closed
     ledger : also compute the energy ledger, updated after every step and sampled every `every` steps: see `Ledger`.
-    Given a number of steps instead of True, it is updated only after that many, which makes sums coarser; `every` must
-    be a multiple of this number
+    With a number of steps instead of True, it is updated only once in that many steps, which makes its sums coarser;
+    `every` must be a multiple of this number
     tolerance : float [force]
     reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
     slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains. A
@@ -154,13 +154,13 @@ def run(
     Returns
     -------
     State, Record, Outcome
-        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; a run that fails stops
-        at once with NOT_A_NUMBER or BLOWN_UP, with the grain, the step, the time and the largest stable time step
+        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; a run that fails stops at once with
+        NOT_A_NUMBER or BLOWN_UP, and with the grain, the step, the time and the largest stable time step
 
     Raises
     ------
     ValueError
-        if dt is longer than `stable_time_step`.
+        If dt is longer than `stable_time_step`.
 
     Source
     ------
@@ -222,7 +222,7 @@ def run(
 
 
 def own_engine(threads: int | None = None) -> Engine:
-    """Return `run` as an engine; it raises RuntimeError, with a one-sentence message, if a run fails."""
+    """Return `run` as an engine; it raises RuntimeError if a run fails."""
     return Engine(partial(_pieces, threads))
 
 
@@ -261,7 +261,7 @@ def join_samples(samples: list[Record], leg: Leg) -> Record:
 
 
 def check_steps(steps: int, dt: float, every: int) -> None:
-    """Raise ValueError with a one-sentence message if these steps are not allowed."""
+    """Raise ValueError if these steps are not allowed."""
     if not (np.isfinite(dt) and dt > 0):
         raise ValueError(f"dt must be positive, got {dt}")
     if steps < 0 or every < 0:
@@ -275,7 +275,7 @@ def check_steps(steps: int, dt: float, every: int) -> None:
 def _check_arguments(
     law: Law, steps: int, dt: float, every: int, ledger: bool | int, slip_update: str, threads: int | None
 ) -> None:
-    """Raise ValueError with a one-sentence message if an argument of `run` is not allowed."""
+    """Raise ValueError if an argument of `run` is not allowed."""
     check_steps(steps, dt, every)
     if ledger and not every:
         raise ValueError("ledger = True requires samples: set every to 1 or more steps")

@@ -40,7 +40,7 @@ def spring_bond(
     Parameters
     ----------
     k : stiffness [force/length]
-    stretch : |r − r₀|/r₀ at which it breaks; it never does by default
+    stretch : |r − r₀|/r₀ at which it breaks; by default it never breaks
     damping : γ [force time/length]
     smooth : loads fade as 1 − (share of the stretch)⁸ before it breaks
     normalized : k is a force that is divided by r₀
@@ -71,7 +71,7 @@ def beam_bond(
     ----------
     tension, shear : stiffnesses [force/length]
     bending, twisting : stiffnesses [force length]
-    strength : the four denominators [force] twice, [force length] twice; it never breaks by default
+    strength : the four denominators, two in [force] and two in [force length]; by default it never breaks
     damping : γ of the normal, tangential, rolling and twisting velocities as in LAMMPS
     smooth : loads fade as 1 − (share of the strength)⁴ before it breaks
     normalized : the first two stiffnesses are forces that are divided by the length at rest

@@ -56,7 +56,7 @@ class Law(NamedTuple):
     properties: int = 0  # sum of those of `laws.properties`
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if compiled code does not know this law."""
+        """Raise ValueError if compiled code does not know this law."""
         dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
         known_values = ("coulomb", COULOMB.values()), ("damping", dampings), ("properties", range(64)), ("kind", None)
         for name, known in known_values:
@@ -341,13 +341,13 @@ MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:
-    """Damping model of the law, 0 if no pair of materials has dashpots, also of moments."""
+    """Damping model of the law; 0 if no pair of materials has dashpots, including those of moments."""
     dashpots = DAMPING_N, DAMPING_T, *(k for k, name in enumerate(parameter_names(law)) if name in _DASHPOTS)
     return law.damping if law.table[..., dashpots].any() else 0
 
 
 def check_parameter(name, value, names=PARAMETERS, signed=()):
-    """Raise ValueError with a one-sentence message if a law has no such parameter, or if the value is not allowed."""
+    """Raise ValueError if a law has no such parameter, or if the value is not allowed."""
     if name not in names:
         raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
     if isinstance(value, np.ndarray | np.generic) and not value.shape and value.dtype.kind in "fiu":
@@ -480,7 +480,7 @@ DASHPOTS = {  # unit of the coefficients of a model of damping, and the force in
 
 
 def _rows(law: Law):
-    """Rows of a table of a law: parameters common to all pairs of materials, then those that differ, by pair."""
+    """Table rows of a law: parameters common to all pairs of materials, then those that differ, by pair."""
     damping, dashpots = DASHPOTS.get(law.damping & ~NO_TENSION, ("", ""))
     built_in = BUILTIN_LAWS[law.kind] if 0 <= law.kind < len(NAMES) else None
     stiffness = built_in.stiffness_unit if built_in else ""

@@ -145,9 +145,9 @@ def block_function(kind: Kind, name: str):
     Raises
     ------
     MissingExtraError
-        if Numba is not installed.
+        If Numba is not installed.
     ValueError
-        with a one-sentence message that names the line, if Numba cannot compile it.
+        If Numba cannot compile it; the message names the line.
     """
     own = USER_LAWS[kind]
     with announced(f"compiling {own.name}: {MEMBERS[name]}"):

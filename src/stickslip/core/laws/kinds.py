@@ -54,7 +54,7 @@ def find_user_law(kind: int) -> UserLaw:
     Raises
     ------
     ValueError
-        with a one-sentence message, if the law was not created in this process.
+        If the law was not created in this process.
     """
     if int(kind) not in USER_LAWS:
         raise ValueError(
@@ -65,18 +65,18 @@ def find_user_law(kind: int) -> UserLaw:
 
 
 def describe_law(law) -> dict:
-    """Record of a user-defined law without its numbers. It identifies the law and can be read, but is not run."""
+    """Record of a user-defined law without its numbers. It identifies the law and is readable, but never executed."""
     own = find_user_law(law.kind)
     return {"name": own.name, "digest": f"{int(law.kind):x}", "source": own.source, "parameters": " ".join(own.names)}
 
 
 def restore_kind(kind: int, about: dict) -> Kind:
-    """Kind of a user-defined law from its record, if the law was created in this process. Its text is never run.
+    """Kind of a user-defined law from its record, if the law was created in this process. Its text is never executed.
 
     Raises
     ------
     ValueError
-        with a one-sentence message, if neither the law nor another with the same text has been created.
+        If neither the law nor another with the same text has been created.
     """
     if kind in USER_LAWS:
         return Kind(kind)
@@ -98,7 +98,7 @@ def evaluate_role(kind: Kind, role: str, values, **given):
 
 
 def bound(own: UserLaw, role: str, values: dict) -> list:
-    """Arguments of a function from values by name; memory that is missing has its value at the closing of a contact."""
+    """Arguments of a function from values by name; missing memory has its value when a contact closes."""
     values = own.memory | values
     return [values[name] for name in own.arguments[role]]
 

@@ -299,5 +299,5 @@ def restitution_of(ratio: float, *, tension: bool) -> float:
 
 
 def _lost_by_opening(angle: float) -> float:
-    """−ln e of a contact that opens where F_n = 0; D is cos `angle` if this is negative, else cosh `angle`."""
+    """−ln e of a contact that opens where F_n = 0, with D = cos(angle) for negative angles, else D = cosh(angle)."""
     return 2 * angle / (tan(angle) if angle < 0 else tanh(angle)) if angle else 2.0

@@ -106,7 +106,7 @@ def _find_globals(function) -> dict:
 
 
 def _copy_function(function, made: dict):
-    """Copy a function with the names it uses replaced as above."""
+    """Copy a function; the names that it uses are replaced by `_resolve_global`."""
     if function in made:
         return made[function]
     used = _find_globals(function)
@@ -197,7 +197,7 @@ def custom(
     Raises
     ------
     ValueError
-        with a one-sentence message, if a function has a wrong signature, is not finite or deterministic, or does not
+        If a function has a wrong signature, is not finite or deterministic, or does not
         accept complex numbers. A LawWarning reports a force that jumps at the end of the range.
 
     Source
@@ -301,8 +301,7 @@ def _source_text(given: dict) -> str:
 def from_file(path: str | Path, **parameters: float) -> Law:
     """Contact law from a Python file with functions named after the arguments of `custom`, and a table `parameters`.
 
-    The file is executed. The file may also set `coulomb`, `damping`, `tension`, `memory`,
-    `bonds` and `size`.
+    The file is executed. It may also set `coulomb`, `damping`, `tension`, `memory`, `bonds` and `size`.
 
     Parameters
     ----------
@@ -312,7 +311,7 @@ def from_file(path: str | Path, **parameters: float) -> Law:
     Raises
     ------
     ValueError
-        with a one-sentence message that gives the line, if the file does not compile or run, or if `custom` raises it.
+        If the file does not compile or run, or if `custom` raises it; the message gives the line.
     """
     path = Path(path)
     if not path.is_file():
@@ -321,7 +320,7 @@ def from_file(path: str | Path, **parameters: float) -> Law:
 
 
 def from_text(text: str, path: Path, parameters: dict) -> Law:
-    """Contact law from the text of a Python file, which is executed; as `from_file`."""
+    """Contact law from the text of a Python file, which is executed; see `from_file`."""
     scope = {"__name__": path.stem, "__file__": str(path)}
     linecache.cache[str(path)] = len(text), None, text.splitlines(keepends=True), str(path)  # for messages
     try:

@@ -22,7 +22,7 @@ class LawWarning(UserWarning):
 
 
 def validate_law(law: Law, size: float) -> Law:
-    """Return the law if it is usable; otherwise raise ValueError with a one-sentence message.
+    """Return the law if it is usable; otherwise raise ValueError.
 
     `size` is a grain radius [length].
     """
@@ -58,7 +58,7 @@ def _ranges(own: UserLaw, values: dict, size: float) -> list[float]:
 
 
 def sample_points(own: UserLaw, values: dict, size: float) -> list[tuple[float, float]]:
-    """R_eff and overlap of the points at which functions are compared with each other, across gaps as well."""
+    """R_eff and overlap of the points at which functions are compared with each other, gaps included."""
     ranges = _ranges(own, values, size)
     return [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _test_overlaps(r, end)]
 
@@ -124,7 +124,7 @@ def _error_location(problem: Exception) -> str:
 
 
 def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
-    """Raise ValueError with a one-sentence message if a function is not finite, deterministic and differentiable."""
+    """Raise ValueError if a function is not finite, deterministic and differentiable."""
     slopes = {name: [] for name in ("overlap", "normal_force") if name in own.arguments[role]}
     for r_eff, overlap in points:
         fn = 0.0
@@ -175,7 +175,7 @@ def _derivatives(own, role, values, at, name, place):
 
 
 def _check_energy(own: UserLaw, values: dict, points) -> None:
-    """Raise ValueError with a one-sentence message if the slope of the energy is not the force."""
+    """Raise ValueError if the slope of the energy is not the force."""
     for r_eff, overlap in points:
         at = {"overlap": complex(overlap, STEP), "r_eff": r_eff}
         force = _evaluate(own, "normal_force", values, overlap=overlap, r_eff=r_eff)

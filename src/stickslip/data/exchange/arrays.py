@@ -156,7 +156,7 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
     Raises
     ------
     PackingError
-        if the file has arrays with other names, or lacks some.
+        If the file has arrays with other names, or lacks some.
     """
     names = (*REQUIRED, *OPTIONAL, *LAW, UNITS)
     for name in arrays:
@@ -355,7 +355,7 @@ def read_gsd(path: Path, frame: str | None = None) -> list[Packing]:
     Raises
     ------
     PackingError
-        if the file is truncated, of another version, or not a GSD file.
+        If the file is truncated, of another version, or not a GSD file.
     """
     hoomd = require("gsd.hoomd", "exchange")
     try:

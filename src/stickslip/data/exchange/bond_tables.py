@@ -54,7 +54,7 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
     Raises
     ------
     PackingError
-        if columns are missing or repeated, if a stiffness or strength is not allowed, or a grain does not exist.
+        If columns are missing or repeated, if a stiffness or strength is not allowed, or a grain does not exist.
     """
     columns, notes = read_columns(path, {}, lambda names: {"i", "j"} <= set(map(_name, names)))
     known = {}

@@ -88,7 +88,7 @@ def _zstandard(path: Path):
 
 
 def read_content(path: Path, size: int = -1) -> bytes:
-    """Bytes of a file, decompressed if it is compressed; at most `size` of them if it is not negative."""
+    """Bytes of a file, decompressed if necessary; at most `size` of them unless `size` is negative."""
     # function that opens the compressed file; None for others
     start = _read(path, 6)
     mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
@@ -129,7 +129,7 @@ def read_lines(
     remedy: str = "give a text file, or a binary one that is listed in `stickslip docs exchange`",
     fallback: str | None = None,
 ) -> str:
-    """Text of a file, in UTF-8 or another encoding; PackingError if it is binary, or ends in the middle of a line."""
+    """Text of a file, in UTF-8 or another encoding; raise PackingError if it is binary or ends within a line."""
     try:
         text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
     except ValueError as problem:
@@ -240,10 +240,11 @@ def plain_name(name: str) -> str:
 
 
 def names_by_content(rows: np.ndarray) -> list[str] | None:
-    """Names of the columns of grains without names, by their content; None if they fit no known layout.
+    """Names for unnamed columns of grains, from their content; None if no known layout fits.
 
-    A column that counts the rows, from 0 or 1, is read as ids, unless the grains may lie in a line. Eight columns, or
-    six in a plane, are read as MFIX's particle_input.dat, version 1; any other six as lists of PeGS2 and RigidLibrary.
+    A first column that counts the rows, from 0 or 1, is read as ids, unless it may be the coordinate of grains in a
+    row. Eight columns, or six in a plane, are read as MFIX's particle_input.dat, version 1; any other six as lists of
+    PeGS2 and RigidLibrary.
     """
     count, width = rows.shape
     counts = count > 0 and rows[0, 0] in (0, 1) and bool((rows[:, 0] == rows[0, 0] + np.arange(count)).all())
@@ -304,7 +305,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     Raises
     ------
     PackingError
-        if positions or radii are missing; the message lists the columns.
+        If positions or radii are missing; the message lists the columns.
     """
     known, rest = identify_columns(columns)
     if "position" not in known or not {"radius", "diameter"} & set(known):

@@ -207,7 +207,7 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     Raises
     ------
     PackingError
-        if a file cannot be used; the message does not always name the file.
+        If a file cannot be used; the message does not always name the file.
     """
     if not (path.is_file() or path.is_dir()):
         raise PackingError(f"{path} is not a file or folder: give a packing; `stickslip docs exchange` lists formats")
@@ -248,7 +248,7 @@ class _LocalContacts(NamedTuple):
 
     @property
     def path(self) -> Path | None:
-        """Path of the file; PackingError if it does not exist."""
+        """Path of the file; raise PackingError if it does not exist."""
         if self.file is not None and not Path(self.file).is_file():
             raise PackingError(f"{self.file} is not a file: give the contacts that LAMMPS's `dump local` wrote")
         return None if self.file is None else Path(self.file)

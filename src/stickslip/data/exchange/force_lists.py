@@ -22,7 +22,7 @@ from .table_file import names_of, read_columns, recognize
 
 PIXELS = ("px", "pix", "pixel", "pixels")
 NEEDED, FORCES = ("i", "j", "fn", "ft"), ("fn", "ft", "fnerror", "fterror")
-OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # columns of grains, by plain names
+OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # columns of grains, as plain names
 FRAMES = ("frame", "step", "timestep", "time")
 WIDEST = 1.0  # gap or overlap of grains in contact, over the smaller radius
 FAR = 5.0  # errors beyond which a measurement is impossible
@@ -224,7 +224,7 @@ def _frame_column(columns: dict[str, np.ndarray]) -> np.ndarray | None:
 
 
 def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> np.ndarray:
-    """Frames in both tables; PackingError if there are none, or only one table has several frames."""
+    """Frames in both tables; raise PackingError if there are none, or only one table has several frames."""
     frames = [np.unique(c[np.isfinite(c)]) for c in map(_frame_column, (grains, forces)) if c is not None]
     if len(frames) == 2:
         both = np.intersect1d(*frames)
@@ -407,7 +407,7 @@ def _average(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, 
 
 
 def _pressing(contacts: Path, network: dict, ids: np.ndarray, notes: list[str]) -> dict:
-    """Contacts that press; PackingError if others pull more than errors explain."""
+    """Contacts that press; raise PackingError if others pull more than errors explain."""
     force, error = network["force_n"], network["force_n_error"]
     if not (pulls := force < 0).any():
         return network

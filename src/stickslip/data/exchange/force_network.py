@@ -43,13 +43,13 @@ class MeasuredForces(NamedTuple):
     notes: list[str]
 
     def check_entries(self) -> None:
-        """Raise PackingError with a one-sentence message if these forces are impossible in a packing."""
+        """Raise PackingError if these forces are impossible in a packing."""
         check_computed(self)
         wanted = {2: (len(self.pair_i),), 3: (len(self.pair_i), 3)}.get(self.dim)
         if np.shape(self.force_t) != wanted:
             raise PackingError(
-                f"force_t has shape {np.shape(self.force_t)} for positions of shape {self.position.shape}: for C "
-                "contacts of disks (C,) is needed, of spheres (C, 3)"
+                "force_t must have shape (C,) for C contacts of disks or (C, 3) for spheres, got "
+                f"{np.shape(self.force_t)} for positions of shape {self.position.shape}"
             )
         if self.pair_i.dtype.kind not in "iu" or self.pair_j.dtype.kind not in "iu":
             raise PackingError("grain numbers of contacts must be whole numbers from 0")
@@ -95,7 +95,7 @@ def measured_forces(
     Raises
     ------
     PackingError
-        if these forces are impossible in a packing; the message is one sentence.
+        If these forces are impossible in a packing.
 
     Examples
     --------
@@ -129,7 +129,7 @@ def measured_forces(
 
 
 def unit_branches(m: MeasuredForces) -> np.ndarray:
-    """(C, D) normals of contacts, from j to i."""
+    """Contact normals, (C, D), from j to i."""
     branch = m.position[m.pair_i] - m.position[m.pair_j]
     return branch / np.linalg.norm(branch, axis=1, keepdims=True)
 
@@ -202,7 +202,7 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
     Raises
     ------
     PackingError
-        if a file cannot be used; the message is one sentence.
+        If a file cannot be used.
 
     Source
     ------

@@ -49,7 +49,7 @@ class Frame(NamedTuple):
 
 
 def exported(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns under the names used in files, as a plain force or torque could be an external one."""
+    """Columns under the names used in files, where a plain `force` or `torque` could be an external one."""
     return {f"contact_{name}" if name in ("force", "torque") else name: column for name, column in columns.items()}
 
 
@@ -135,7 +135,7 @@ def law_to_dict(law: Law) -> dict:
 
 
 def law_from_dict(about: dict) -> Law:
-    """Rebuild a law from `law_to_dict`; ValueError, KeyError or TypeError if there is no such law."""
+    """Rebuild a law from `law_to_dict`; raise ValueError, KeyError or TypeError if there is no such law."""
     table = np.array(about["table"], float)
     if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] < 5 or not np.isfinite(table).all():
         raise ValueError(f"a law's table of shape {table.shape}")
@@ -208,7 +208,7 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
     Raises
     ------
     PackingError
-        if the file does not contain modes, or belongs to another packing.
+        If the file does not contain modes, or belongs to another packing.
     """
     if not Path(path).is_file():
         raise PackingError(f"{path} is not a file: give the modes that `stickslip stability` wrote")
@@ -359,7 +359,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     Raises
     ------
     ValueError
-        if a name occurs twice, there is nothing to write, or a file already exists.
+        If a name occurs twice, there is nothing to write, or a file already exists.
 
     Notes
     -----

@@ -37,7 +37,7 @@ ENDLESS = 1e200  # strength above which a bond counts as unbreakable
 
 
 def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray, labels: dict[str, str]) -> ListedBonds:
-    """Bonds of a file, whose ends are ids; PackingError if a bond is impossible."""
+    """Bonds of a file, whose ends are ids; raise PackingError if a bond is impossible."""
     for a, b in ends[~np.isin(ends, ids).all(axis=1)][:1]:
         raise PackingError(
             f"{source} has a bond between atoms {a} and {b}, which are not both among its {len(ids)} atoms"
@@ -254,7 +254,7 @@ def laws_of_bonds(told: Commands, listed: ListedBonds) -> tuple[list[tuple], lis
     Raises
     ------
     ValueError
-        if a law is unknown or not supported.
+        If a law is unknown or not supported.
     """
     if not told.style:
         raise ValueError("there is no bond_style: if it came from a restart file, add it with its bond_coeff")
@@ -301,7 +301,7 @@ def _law_of(told: Commands, labels: dict[str, str], kind: int) -> tuple[str, Bon
 
 
 def _means(word: str, kind: int) -> bool:
-    """Return True if a word such as 1, *, 2* or 1*3 means a type."""
+    """Return True if a word such as 1, *, 2* or 1*3 includes a type."""
     low, star, high = word.partition("*")
     if not (low + high).isdecimal() and low + high:
         raise ValueError(f"the type {word} of a bond_coeff is neither a number nor a label in a labelmap")

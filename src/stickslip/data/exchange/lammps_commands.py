@@ -228,7 +228,7 @@ def _selection(command: str) -> str:
 
 
 class Run(NamedTuple):
-    """Settings in force at the time of the grains."""
+    """Settings in force when the grains were written."""
 
     source: str  # name of the log or script
     pair_style: list[str]  # style and arguments; empty without one
@@ -320,8 +320,7 @@ def _empty(source: str, year: int = 0) -> Run:
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
-    """Number of events before the state in a file was written: up to the last command that wrote it, or the run that
-    reached it.
+    """Number of events up to the last command that wrote the state in a file, or up to the run that reached it.
 
     Only commands before a run affect files written during it. If several runs reached a time step, as after
     `reset_timestep`, the last one in which a command wrote the file counts.
@@ -393,7 +392,7 @@ def read_lines_of(path: Path) -> str:
 
 
 def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) -> Run:
-    """Run after another command; `values` are those of variables, which a log has replaced."""
+    """Run with the settings after one more command; `values` are those of variables, which a log has replaced."""
     words = command.words
     if words[0] == "variable" and len(words) > 3:
         values |= _value(words, values)
@@ -441,7 +440,7 @@ def _substitute(line: str, values: dict[str, str]) -> str:
 
 
 def _apply(run: Run, tokens: list[str], place: str) -> Run:
-    """Run after another command."""
+    """Run with the settings after one more command."""
     key, rest = tokens[0], tokens[1:]
     if key == VERSION:  # another run, appended to the log
         return _empty(run.source, int(rest[-1]))

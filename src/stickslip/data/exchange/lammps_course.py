@@ -74,7 +74,7 @@ class Course:
         self.met: dict[str, list[str]] = {USED: [], HARMLESS: [], UNKNOWN: []}
 
     def members(self, group: str) -> np.ndarray:
-        """(N,) bool, members of a group; ValueError if unknown."""
+        """(N,) bool, members of a group; raise ValueError if unknown."""
         if any(words[0] == "dynamic" for words in self.run.groups.get(group, ())[-1:]):
             raise ValueError(f"the members of group {group} change with time (`group {group} dynamic`)")
         mask = self.masks.get(group)
@@ -103,7 +103,7 @@ class Course:
         return np.stack([state.contacts.i[rows], state.contacts.j[rows]])
 
     def hold(self, group: str, axes: Sequence[int]) -> None:
-        """Hold components of the grains of a group; ValueError if they move."""
+        """Hold components of the grains of a group; raise ValueError if they move."""
         members = self.members(group)
         for name, first, how in (
             ("velocity", 0, f"velocities and would move on: `velocity {group} set 0 0 0` stops them"),
@@ -162,7 +162,7 @@ def _add_wall(course: Course, name: str, wall: Plane) -> None:
 
 
 def _finite(word: str) -> float:
-    """Number of a word; ValueError if it is NaN or infinite."""
+    """Number of a word; raise ValueError if it is NaN or infinite."""
     if word.startswith("v_"):
         raise ValueError(f"{word} is a variable whose value is unknown outside LAMMPS")
     if not np.isfinite(value := parse_number(word)):
@@ -237,7 +237,7 @@ def _inner_faces(bounds: np.ndarray, left_open: Sequence[str], number: int) -> l
 
 
 def _touched_face(course: Course, bounds: np.ndarray, number: int) -> Plane:
-    """Face of a block that serves as a wall for grains outside; ValueError if they touch several faces, or an edge."""
+    """Face of a block that is a wall for grains outside; raise ValueError if they touch several faces, or an edge."""
     position, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
     for wall in _inner_faces(bounds, (), number):
         axis, wall = wall.face // 2, Plane(-wall.height, -wall.normal, number)
@@ -339,7 +339,7 @@ MOVERS = {  # fixes that move grains, and whether they also rotate them
 
 
 def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
-    """Memory with the wall numbers used here; of two planes of a fix, a grain touches the nearer."""
+    """Memory with the wall numbers used here; of two planes of a fix, a grain touches the nearer one."""
     position, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
     wall, deepest = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf)
     slip, turned = memory.wall_slip.copy(), np.zeros((len(wall), lammps_restart.ROTATIONS))
@@ -390,7 +390,7 @@ def take_over(course: Course) -> None:
 
 
 def _try(course: Course, name: str, take, *given) -> None:
-    """Take over a fix, or note why it was not."""
+    """Take over a fix, or note why this is impossible."""
     group, style, *_ = course.run.fixes[name]
     try:
         take(*given)
@@ -579,7 +579,7 @@ def _mix_the_rest(course: Course, given: set[tuple[int, int]] = frozenset()) -> 
 
 
 def _take_coefficients(course: Course) -> None:
-    """Laws of the style granular; without types, all must have the same."""
+    """Laws of the style granular; without types, all must be the same."""
     lines: dict[tuple[str, str], tuple[str, ...]] = {}
     for first, second, *arguments in course.run.pair_coeff:  # the last one for the same types counts
         lines.pop((first, second), None)

@@ -152,7 +152,7 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
 
 
 def _finite_numbers(table: Table, path: Path, *names: str) -> np.ndarray:
-    """Columns as numbers; PackingError if one of them is NaN or infinite."""
+    """Columns as numbers; raise PackingError if one of them is NaN or infinite."""
     values = table.numbers(*names)
     if not (np.abs(values) < HUGE).all():
         raise PackingError(
@@ -202,7 +202,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     Raises
     ------
     PackingError
-        if the law is not LAMMPS's, if velocities needed by the dashpots are missing, or if contacts and grains do not
+        If the law is not LAMMPS's, if velocities needed by the dashpots are missing, or if contacts and grains do not
         match.
 
     Warns
@@ -233,7 +233,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
         told = "normal forces of the law differ from those in the dump by up to"
         if miss > OTHER_LAW:
             raise PackingError(
-                f"{told} {miss:.2g} of their mean, so law, types or run differ: give the law, kn and damping_n used in "
+                f"{told} {miss:.2g} of their mean, so the law, the types or the run differ: give the law, kn and damping_n used in "
                 f"LAMMPS, and enough digits ({ALL_DIGITS})"
             )
         if miss > NEGLIGIBLE:
@@ -411,7 +411,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     Raises
     ------
     PackingError
-        if no columns fit.
+        If no columns fit.
     """
     names, ids = [""] * values.shape[1], packing.ids
     ends = next((k for k in range(min(values.shape[1], MOST) - 1) if _are_pairs(values[:, k : k + 2], packing)), None)

@@ -109,7 +109,7 @@ def contact_of(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]
     Raises
     ------
     ValueError
-        if the arguments are not those of the style, or the style is unknown.
+        If the arguments are not those of the style, or the style is unknown.
     """
     if style == "granular":
         return _granular(list(arguments))
@@ -134,7 +134,7 @@ def no_equal(style: str) -> str:
 
 
 def wall_contact(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]]:
-    """Law of a wall, as `contact_of`: the lever arms at walls are R."""
+    """Law of a wall, like `contact_of`; lever arms at walls are R."""
     contact, rest = contact_of(style, arguments)
     return contact._replace(properties=contact.properties & ~LEVER), rest
 

@@ -141,7 +141,7 @@ def _read_whole(path: Path) -> bytes:
 
 
 def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
-    """Start of the first block of a restart file, and the doubles of each block; ValueError for other files."""
+    """Start of the first block of a restart file, and the doubles of each block; raise ValueError for other files."""
     mark, start = HEADER_END + BLOCK, 0
     if not content.startswith(MAGIC) or not content.endswith(MAGIC):
         raise ValueError("not a complete LAMMPS restart file")
@@ -161,7 +161,7 @@ def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
 
 
 def _record_starts(block: np.ndarray) -> np.ndarray:
-    """Start of the record of each grain in a block, and the end of the last one; ValueError if one does not fit."""
+    """Start of each grain's record in a block, and end of the last one; raise ValueError if one does not fit."""
     starts = [0]
     while starts[-1] < len(block):
         starts.append(int(_ends(block, np.array(starts[-1:]), len(block), EXTRA)[0]))
@@ -169,7 +169,7 @@ def _record_starts(block: np.ndarray) -> np.ndarray:
 
 
 def _ends(block: np.ndarray, start: np.ndarray, stop, least: int = 2) -> np.ndarray:
-    """Ends of records or entries that begin with their length; ValueError if one is too short or passes `stop`."""
+    """Ends of records or entries that begin with their length; raise ValueError if one is short or passes `stop`."""
     length = block[np.minimum(start, len(block) - 1)]
     if not ((length >= least) & (length <= stop - start)).all():
         raise ValueError("a LAMMPS restart file with a record of wrong length: it is damaged")
@@ -225,7 +225,7 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
 
 
 def own_columns(style: str) -> list[str]:
-    """Columns of an atom style in a record, after the common ones; ValueError if it is unknown."""
+    """Columns of an atom style in a record, after the common ones; raise ValueError if it is unknown."""
     parts = style.split()[1:] if style.startswith("hybrid") else [style]
     if not {*parts} <= {*OWN_COLUMNS}:
         raise ValueError(f"atoms of style {style}")
@@ -266,7 +266,7 @@ def rotations(values: np.ndarray, rolls: int, twists: int) -> np.ndarray:
 
 
 def recognize_part(head: bytes) -> bool:
-    """Return True for a part of a LAMMPS restart file, with the grains of some ranks only."""
+    """Return True for one part of a LAMMPS restart file, which holds the grains of some ranks only."""
     return head.startswith(PART) and head[2 * len(PART) :].startswith(BLOCK)
 
 
@@ -290,7 +290,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def _packing(path: Path, content: bytes, remedy: str) -> Packing:
-    """Packing of a restart file; ValueError, KeyError or IndexError if it is damaged."""
+    """Packing of a restart file; raise ValueError, KeyError or IndexError if it is damaged."""
     start, _ = _blocks(content)
     about = _header(content)[0]
     try:
@@ -394,7 +394,7 @@ def _groups_and_labels(content: bytes, mask: np.ndarray) -> tuple[dict[str, np.n
 
 
 def _header(content: bytes) -> tuple[dict, int]:
-    """Values of a header by flag, up to its end or an unknown flag, and the position after it."""
+    """Values of a header by flag, up to its end or the first unknown flag, and the position after that flag."""
     out, reader = {}, Reader(content, len(MAGIC) + 8)
     while True:
         flag = reader.number("<i")
@@ -472,7 +472,7 @@ def _find_list(head: bytes, end: int, *, blobs: bool) -> tuple[int, list[tuple[s
 
 
 def _string(reader: Reader) -> str:
-    """String that follows its length; ValueError if the length is not that of a name."""
+    """String that follows its length; raise ValueError if the length is not that of a name."""
     size = reader.number("<i")
     if not 0 < size < LONGEST_NAME:
         raise ValueError(f"a name of {size} characters")
@@ -679,7 +679,7 @@ def _slides(state: State, law: Law, rows: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 class Places(NamedTuple):
-    """Layout of the memory of a contact in LAMMPS: its slip or force comes first."""
+    """Layout of contact memory in LAMMPS: the slip or force comes first."""
 
     size: int  # number of doubles
     rolls: int = -1  # position of the rolling displacement after the slip; -1 without

@@ -269,7 +269,7 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     Raises
     ------
     PackingError
-        if there are no dumps or an option is missing; the message is one sentence.
+        If there are no dumps or an option is missing.
     """
     given = {name: value for name, value in options.items() if value is not None}
     if "frame" in given:
@@ -366,7 +366,7 @@ def read_pair(source: Source, pair: Pair) -> tuple[State, list[str]]:
     Raises
     ------
     PackingError
-        if the frame cannot be used; the message is one sentence.
+        If the frame cannot be used.
     """
     table, contacts = read_content(pair.grains), pair.contacts
     local = None if contacts is None else read_content(contacts)
@@ -412,7 +412,7 @@ def follow_packings(
     Raises
     ------
     PackingError
-        if there are no dumps, or a frame cannot be used; the message is one sentence.
+        If there are no dumps, or a frame cannot be used.
 
     Examples
     --------

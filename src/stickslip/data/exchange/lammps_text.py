@@ -102,7 +102,7 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
 
 
 def parse_step(path: Path, step: int, piece: str) -> Table:
-    """Parse one time step; ValueError, IndexError or KeyError if it is truncated."""
+    """Parse one time step; raise ValueError, IndexError or KeyError if it is truncated."""
     items = {}
     for item in piece.split("ITEM: ")[1:]:
         head, _, body = item.partition("\n")
@@ -145,7 +145,7 @@ def _parse_bounds(head: str, body: str):
 
 
 def restricted_box(size, xy: float, xz: float, yz: float) -> np.ndarray:
-    """(3, 3) vectors, as rows, of LAMMPS's restricted triclinic box; ValueError if they do not span one."""
+    """(3, 3) vectors, as rows, of LAMMPS's restricted triclinic box; raise ValueError if they do not span one."""
     if not (np.isfinite([*size, xy, xz, yz]).all() and (np.asarray(size) > 0).all()):
         lengths = " ".join(f"{length:g}" for length in size)
         raise ValueError(f"a box of lengths {lengths} along x y z, which must be positive: bounds are low, then high")
@@ -294,7 +294,7 @@ def _type_labels(sections: dict[str, tuple[str | None, str]], kind: str) -> dict
 
 
 def _parse_bonds(sections: dict[str, tuple[str | None, str]], head: str):
-    """Types and ends of bonds in a data file, and type labels; ValueError if their number is not the declared one."""
+    """Types and ends of bonds in a data file, and type labels; raise ValueError if their number is not as declared."""
     given, labels = re.search(r"(?m)^\s*(\d+)\s+bonds\b", head), _type_labels(sections, "Bond")
     count = parse_integer(given[1]) if given else 0
     if not count and "Bonds" not in sections:

@@ -1,7 +1,7 @@
 """Packings as text: CSV and other tables, MercuryDPM's .data, extended XYZ, EDEM exports, jamBashBulk, PackLSD, MFIX.
 
-Extended XYZ for ASE and OVITO has grains as atoms of species X, further columns, the cell, and the law. It is written
-without ASE, which would write only eight decimals.
+Extended XYZ files, for ASE and OVITO, store the grains as atoms of species X, further columns, the cell and the law.
+They are written without ASE, which would write only eight decimals.
 
 Sources: MUSEN's reader of EDEM exports; `Pack_Nomenclature.md` of jamBashBulk; A. Donev's instructions for PackLSD;
 the routine READ_PART_INPUT_V2P0 of MFIX.
@@ -100,7 +100,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def _are_times(name: str, values: np.ndarray, ids: np.ndarray | None) -> bool:
-    """Return True for a column of times: sorted, with several rows for each time, or once for each time of a grain."""
+    """Return True for a column of times, each of which occurs in several rows; rows are sorted unless there are ids."""
     counts = np.unique(values, return_counts=True)[1]
     if plain_name(name) not in TIMES or len(counts) < 2:
         return False
@@ -180,7 +180,7 @@ def names_of(line: str) -> list[str] | None:
 
 
 def _convert_lengths(path: Path, columns: dict[str, np.ndarray]) -> list[str]:
-    """Convert lengths in place to the unit of the first one, and return a note; PackingError for an unknown unit."""
+    """Convert lengths in place to the unit of the first; return a note, or raise PackingError for an unknown unit."""
     found = {name: UNIT.search(name) for name in columns if plain_name(name) in LENGTHS}
     units = {name: (match[1] or match[2]).strip().lower() for name, match in found.items() if match}
     if len(set(units.values())) < 2:

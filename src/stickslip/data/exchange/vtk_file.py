@@ -77,7 +77,7 @@ def _xml_columns(content: bytes, budget: Budget) -> dict[str, np.ndarray]:
     Raises
     ------
     ValueError
-        if the file is damaged, of another kind, or not compressed with zlib; the message is a few words
+        If the file is damaged, of another kind, or not compressed with zlib; the message is a few words.
     """
     head, mark, tail = content.partition(b"<AppendedData")
     complete = END in tail or not mark
@@ -137,7 +137,7 @@ def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
 
 
 def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write two .vtu files per frame, all or none; return notes on data that they do not store."""
+    """Write two .vtu files per frame, all or none; return notes on data that these files cannot store."""
     hl, path = require("pyevtk.hl", "exchange"), Path(path)
     if not path.parent.is_dir():
         raise PackingError(f"the folder {path.parent} does not exist: create it first")

@@ -1,4 +1,4 @@
-"""Swept keys: lists, spaced values, random points and tables of draws in a [sweep] table; and its options."""
+"""Swept keys in a [sweep] table (lists, spaced values, random points, tables of draws), and the table's options."""
 
 import math
 import warnings
@@ -234,7 +234,7 @@ def generator(seed: int, name: str) -> np.random.Generator:
 
 
 def latin_hypercubes(names, number: int, seed: int) -> Iterator[dict[str, np.ndarray]]:
-    """Yield Latin hypercubes of `number` points in the unit cube, {name: coordinates}, without end.
+    """Yield Latin hypercubes of `number` points in the unit cube endlessly, {name: coordinates}.
 
     Each coordinate has `number` intervals of equal probability, with one point in each (McKay, Beckman and Conover
     1979, doi:10.1080/00401706.1979.10489755).
@@ -296,7 +296,7 @@ PLAIN = ("", "-", "1")  # units of numbers
 
 
 def read_draws(draws, entries: dict, kind) -> dict[str, list[float]]:
-    """Return the columns of a table of draws that a sweep uses, {name: values}.
+    """Return the columns of a draws table that a sweep uses, {name: values}.
 
     Parameters
     ----------

@@ -37,8 +37,8 @@ def is_sweep(folder: str | Path) -> bool:
 def open_sweep(folder: str | Path, *, short: bool = False) -> "xr.Dataset":
     """Load the results of a sweep from its folder or file.
 
-    In a grid without conditions, variables have a dimension for every swept key, and `draw` for a table of draws;
-    otherwise their dimensions are `point`, and `seed` if it is given as a count. Values of unfinished members are NaN.
+    In a grid without conditions, variables have one dimension per swept key, and `draw` for a draws table. Otherwise
+    they have the dimension `point`, and `seed` if the seeds are given as a count. Values of unfinished members are NaN.
     `member` is the folder of each member, and `failure` its error message.
 
     Parameters

@@ -269,7 +269,7 @@ def _select_points(chosen: Sweep, options: Options) -> Sweep:
 
 
 def _sample_rows(axes: tuple[Axis, ...], options: Options) -> Iterator[tuple]:
-    """Yield random points without end; the columns of a table of draws share a coordinate, which chooses the row."""
+    """Yield random points endlessly; the columns of a draws table share a coordinate, which chooses the row."""
     names = ["draws" if axis.kind == "column" else axis.key for axis in axes]
     for share in BATCHES[options.draw](list(dict.fromkeys(names)), options.number, options.draw_seed):
         yield from zip(*(_sample(axis, share[name]) for axis, name in zip(axes, names, strict=True)), strict=True)
@@ -289,7 +289,7 @@ ALLOWED = "use names of swept keys, numbers, comparisons, + - * / **, and, or, n
 
 
 class Condition(NamedTuple):
-    """A condition; one that joins several by `and` is split into them."""
+    """A condition; several conditions joined by `and` are split."""
 
     text: str
     holds: Callable[[dict], bool]  # of {key: value}

@@ -212,7 +212,7 @@ def gather_members(folder: Path, chosen: Sweep, names: list[str], parts: list[Pa
     Raises
     ------
     ValueError
-        if a folder does not contain this sweep.
+        If a folder does not contain this sweep.
     """
     count = 0
     for part in parts:

@@ -303,8 +303,8 @@ def check_law(law: Law, state: State) -> None:
         raise ScenarioError(f"LAMMPS separates contacts of {entry.name} at 0.48 of the pull-off gap: {STAY[3:]}")
     if law.properties & builtin.TWISTING:
         raise ScenarioError(
-            "LAMMPS turns the spring of twisting moments to the direction of the present rate where their limit "
-            f"falls: {STAY[3:]}"
+            "LAMMPS reverses the twisting spring to the direction of the present rate when its limit decreases: "
+            f"{STAY[3:]}"
         )
     if (law.properties or entry.parameters) and not law.properties & builtin.LEVER:
         names = {builtin.KEEPS_FORCE: "a memory of forces", builtin.ROLLING: "rolling moments"}

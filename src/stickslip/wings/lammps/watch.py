@@ -176,7 +176,7 @@ def watch(
     Raises
     ------
     PackingError
-        if no frame can be used; the message is that of the last frame tried.
+        If no frame can be used; the message is that of the last frame tried.
     """
     rows, seen, last = dict(known), None, time.monotonic()
     said: dict[str, None] = {} if source.contacts else {NO_MEMORY: None}

@@ -224,7 +224,7 @@ def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Ro
     Raises
     ------
     ValueError
-        if the file is not a watch table, or was computed with other settings; the message is one sentence.
+        If the file is not a watch table, or was computed with other settings.
     """
     if not path.exists() or overwrite:
         return {}
@@ -360,11 +360,11 @@ def watch_and_record(
     Raises
     ------
     ValueError
-        before any computation, if the table or the page would replace a foreign file.
+        If the table or the page would replace a foreign file; raised before any computation.
     """
     page, how = table.with_suffix(".html"), describe(source, method)
     if table.suffix.lower() != ".csv":
-        raise ValueError(f"--out {table} ends with {table.suffix or 'nothing'!r}: use .csv")
+        raise ValueError(f"--out must end in .csv, got {table}")
     check_output(page, (".html",), overwrite=overwrite, made_from=made_from)
     check_free([table], overwrite=True, made_from=made_from)
     known, due = read_rows(table, how, overwrite=overwrite), float("-inf")

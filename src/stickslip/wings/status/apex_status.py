@@ -1,6 +1,6 @@
 """Contact status under a load rate, including contacts without force that open or have just closed.
 
-A disk without force at any contact is released as a body, as are grains that are joined by beams, together. It stays
+A disk without force at any contact is released as a body, and grains joined by beams are released together. It stays
 released if all of its contacts open in the smallest motion with which it follows its neighbours. Otherwise it carries
 load again.
 
@@ -288,7 +288,7 @@ def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
 def _dragged_bodies(
     search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(B,) released bodies with contacts that close although they follow their neighbours, and (n,) that motion."""
+    """(B,) released bodies whose contacts close even if they follow their neighbours, and (n,) velocities if so."""
     matrix, ours, motion = search.matrix, search.ours, velocity.copy()
     if not len(loose):
         return np.zeros(len(ours), bool), motion
@@ -311,7 +311,7 @@ def _dragged_bodies(
 
 
 def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
-    """Return True if nothing but contacts resists rigid motions of a grain with those that beams join to it."""
+    """Return True if only contacts resist rigid motions of a grain together with those that beams join to it."""
     if matrix.unit is None:
         return True
     contacts = np.flatnonzero(_owners(matrix) == body)
@@ -348,9 +348,9 @@ def contact_status(
     proof, and the verdict is NOT_FOUND. Beyond that, a proof of absence needs a Farkas certificate.
 
     A critical contact without force may also open (`ContactStatus.opens`), and in three dimensions it may slide in any
-    direction. The search for a status is then that of a load path, and the status is verified by the balance of the
-    force rates that the
-    law itself gives at the velocities. The verdict is CONSISTENT, NEGATIVE or NOT_FOUND; there is no search for others.
+    direction. The status is then searched for as on a load path, and verified by the balance of the force rates that
+    the law itself gives at the velocities. The verdict is CONSISTENT, NEGATIVE or NOT_FOUND; there is no search for
+    others.
 
     Parameters
     ----------
@@ -437,8 +437,8 @@ class Probed(NamedTuple):
 def probe_statuses(state: State, law: Law, stresses: Numbers, *, unique: bool | None = True) -> tuple[Probed, ...]:
     """Find the contact status under each of several rates of stress of a periodic cell.
 
-    Small increments of stress, as `protocols.response_envelope` takes them, made the same contacts slide, and strained
-    30 disks and 60 spheres in which contacts slide as stated to 1.5e-4 of the largest strain
+    In 30 disks and 60 spheres with sliding contacts, small increments of stress, as in `protocols.response_envelope`,
+    made the same contacts slide, and strains agreed to within 1.5e-4 of the largest strain
     (`tests/unit/test_envelope.py`).
 
     Parameters
@@ -492,7 +492,7 @@ def selfchecks() -> dict[str, Selfcheck]:
     contacts, near = state.contacts, state.contacts.count[0]
     mode, slip = np.zeros_like(contacts.mode), np.zeros_like(contacts.slip)
     mode[:near] = STICK
-    critical = np.flatnonzero((contacts.j[:near] >= 5) & (contacts.i[:near] < 4))  # on the floor, the last disk's not
+    critical = np.flatnonzero((contacts.j[:near] >= 5) & (contacts.i[:near] < 4))  # not the last disk on the floor
     mode[critical], slip[critical, 0] = SLIDE, 1e-3
     matrix = linear_system(state._replace(contacts=contacts._replace(mode=mode, slip=slip)), law)
     load = np.zeros(matrix.c.shape[0])

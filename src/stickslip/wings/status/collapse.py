@@ -164,7 +164,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
     ----------
     before : state at the end of the path
     pull : (n,) rate of the load on the coordinates of `freedom(before)`, up to a factor
-    predicted : displacement below which the motion is no collapse [length]
+    predicted : displacement below which the motion does not count as a collapse [length]
     known : values of load, reason and held
     """
     after, free, loose = motion.state, freedom(before), loose_grains(before, loaded=False)
@@ -191,7 +191,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
 
 
 def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray, int]:
-    """Smallest real part of the eigenvalues of k(S), and the unresisted modes, or the softest mode.
+    """Smallest real part of the eigenvalues of k(S), and its unresisted modes or, without any, the softest mode.
 
     In S, all contacts at the limit slide, and those without force are open.
 

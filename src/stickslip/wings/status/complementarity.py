@@ -66,7 +66,7 @@ def complementarity(
     Raises
     ------
     LinAlgError
-        if k is singular while all contacts stick.
+        If k is singular while all contacts stick.
     """
     with one_thread():
         try:

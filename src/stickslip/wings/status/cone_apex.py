@@ -52,7 +52,7 @@ class Apex(NamedTuple):
     alone: np.ndarray  # (E,) bool, contacts of disks that have no others, and lose support if all open or slide
 
     def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if an entry has a wrong type, shape or value."""
+        """Raise ValueError if an entry has a wrong type, shape or value."""
         check_types(self)
         require_shape(2 * (np.size(self.velocity),), compliance=self.compliance)
         if not np.isin(self.sign, (-1.0, 0.0, 1.0)).all():

@@ -210,7 +210,7 @@ NEAR_APEX = 1e-4  # normal force, in mean normal forces, below which a linear st
 NEAR_CONE = 1e-5  # distance from the cone over the normal force, below which a linear step reaches the cone
 APPROACH = 0.9  # fraction of the distance to an event that a linear step would miss, after which c is recomputed
 TOGETHER = 1e-9  # fraction of an increment within which events are simultaneous
-NEAR_BREAK = 1e-5  # load of a bond below its strength, over it, from which a linear step reaches the strength
+NEAR_BREAK = 1e-5  # margin of a bond, relative to its strength, below which a linear step breaks it
 REACHES, CLOSES, AT_APEX, NEARS, INCREMENT, BREAKS = (
     "reaches the cone",
     "closes",

@@ -318,8 +318,7 @@ class Increment:
         return place
 
     def _compare_rates(self, place: PathState, slides: np.ndarray, done: float) -> None:
-        """Estimate the error of a piece in three dimensions, in which directions turn, from the rates at both of its
-        ends.
+        """Estimate the error of a piece in three dimensions, where directions turn, from the rates at both ends.
 
         It is half the difference times the piece. If the slip of a contact has changed its sign, the piece is halved
         until the load at which this happens is known to a fraction BRACKET of an increment.
@@ -405,7 +404,7 @@ def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
 
 
 def without_bonds_of(state: State, loose: np.ndarray) -> State:
-    """State in which the bonds of rattlers (N,) are broken: they exert no force, but have yet to find their rest."""
+    """State in which the bonds of rattlers (N,) are broken: they carry no force, but rattlers have yet to move."""
     if not state.bonds:
         return state
     intact = state.bonds.intact & ~(loose[state.bonds.i] | loose[state.bonds.j])

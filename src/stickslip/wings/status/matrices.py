@@ -14,14 +14,14 @@ In three dimensions, t is along the slip and t′ = n × t across it: F and V ha
 the slip, and its sign is 1. A contact slides along t only: across it, S is 1 and K is K_t, which turns the force. The
 geometric stiffness, which is the same for all statuses, is the part of the Jacobian beyond c K S cᵀ.
 
-Walls may rotate, with one additional coordinate each, arm × angle about its point. A disk at x_i and a wall with point
-p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i − p)·t. This point is at R − δ from
-the centre of the disk, while the disk itself has the lever arm R. If the wall rotates at the rate Ω, its surface at
-this point moves with velocity Ω a n. The torque of (F_n, F_t) on the wall is therefore −a F_n, without a contribution
-from F_t. n and t rotate with the wall, dn = −Ω t and dt = Ω n, and da = (v_i − v_w)·t + (R − δ) Ω; this is the
-contribution to the geometric stiffness −(dc/dt) F. `displaced` moves such walls, but does not rotate them. With lever
-arms R, the rigid rotation of the whole causes slip comparable to the overlap: vᵀkv/vᵀv is not zero, but of the order of
-the squared overlap over the squared size of the packing.
+Walls may rotate. Each then has one additional coordinate, its arm times its angle about its point. A disk at x_i and a
+wall with point p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i − p)·t. This point
+is at R − δ from the centre of the disk, while the disk itself has the lever arm R. If the wall rotates at the rate Ω,
+its surface at this point moves with velocity Ω a n. The torque of (F_n, F_t) on the wall is therefore −a F_n, without a
+contribution from F_t. n and t rotate with the wall, dn = −Ω t and dt = Ω n, and da = (v_i − v_w)·t + (R − δ) Ω; this is
+the contribution to the geometric stiffness −(dc/dt) F. `displaced` moves such walls, but does not rotate them. With
+lever arms R, the rigid rotation of the whole causes slip comparable to the overlap: vᵀkv/vᵀv is not zero, but of the
+order of the squared overlap over the squared size of the packing.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III, with the errata given in the
 documentation.
@@ -132,7 +132,7 @@ def linear_system(
     Raises
     ------
     ValueError
-        for a smooth law, under which contacts neither slide nor stick; for rolling resistance; or if walls cannot
+        For a smooth law, under which contacts neither slide nor stick; for rolling resistance; or if walls cannot
         rotate.
     """
     if law.coulomb == builtin.SMOOTH:
@@ -259,7 +259,7 @@ def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
 
 
 def _unwrapped(n: int, i: np.ndarray, j: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cluster of each of n bodies joined by bonds, and the image (n, 3) that places it beside the others of it."""
+    """Cluster of each of n bodies joined by bonds, and the image (n, 3) that places it next to the others."""
     joined = sparse.coo_array((np.ones(len(i)), (i, j)), shape=(n, n))
     part = connected_components(joined, directed=False)[1]
     first = np.unique(part, return_index=True)[1]
@@ -277,7 +277,7 @@ def _unwrapped(n: int, i: np.ndarray, j: np.ndarray, image: np.ndarray) -> tuple
 
 
 def rigid_motions(state: State, free: Freedom) -> sparse.csr_array:
-    """(n, 6U) translations and rotations of U clusters of spheres that beams join and nothing else than contacts holds.
+    """(n, 6U) translations and rotations of U clusters of spheres that are joined by beams and held only by contacts.
 
     Clusters around a periodic cell, which cannot rotate, are left out.
     """
@@ -302,7 +302,7 @@ def rigid_motions(state: State, free: Freedom) -> sparse.csr_array:
 def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:
     """(K, n) rates of deformation of intact bonds: stretching and, with stiffness, shear, bending and twisting.
 
-    Shear is the velocity of i relative to j at the point where the shear force acts, see `core/contacts/bonds.py`;
+    Shear is the velocity of i relative to j at the point where the shear force acts (see `core/contacts/bonds.py`);
     rotations are over the inverse of the bond's length, so all rates are velocities.
     """
     bonds, count, dim = state.bonds, int(state.contacts.count[0]), state.cell.dim

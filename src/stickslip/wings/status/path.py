@@ -53,7 +53,7 @@ PROGRESS = 1e-5  # fraction of a leg; the load stalls if it rises by less in CRO
 RETURNS = "is wedged and carries load again"
 COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
 OFFSET = 1e-4  # fraction of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
-JUMP = 10.0  # motion over the previous one for the same change of the load, above which it is a collapse
+JUMP = 10.0  # a motion larger than the previous one by this factor, for the same load change, is a collapse
 CRAWLS = 1e-4  # fraction of an increment; the path ends after CROWD parts without events that are shorter than this
 PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
 ROUND_OFF = 1e-9  # of the forces of a state in which a bond breaks
@@ -68,7 +68,7 @@ class PathPoint(NamedTuple):
     state: State
     sliding: int  # number of sliding contacts
     contacts: int  # number of contacts
-    residual: float  # unbalanced force over the mean normal force or, if larger, that of `force_scale`
+    residual: float  # unbalanced force over the mean normal force or, if this is larger, over `force_scale`
 
 
 @readable
@@ -139,14 +139,14 @@ def load_path(
     leads to the next equilibrium, from which the path continues. Loads are dead; the load points of springs may move
     instead, and a stiff spring drives a displacement (`with_machine`).
 
-    Bonds are elastic springs, `linear_system(..., bonds="elastic")`: a state stores their loads by their deformation,
-    so that rigid bonds would have none. A bond breaks where its load reaches its strength, which is an event with the
-    mode of failure. Its load is then passed on to others by the path, under the same load; where no equilibrium
-    continues, the path ends, or dynamics with `drag` goes on. Steps of `equilibrate` and slow dynamics of cemented
-    boxes broke the same bonds (`tests/wings/status/test_cemented_path.py`).
+    Bonds are elastic springs, `linear_system(..., bonds="elastic")`: a state stores their loads as deformations, and
+    rigid bonds would have none. A bond breaks where its load reaches its strength, which is an event with the mode of
+    failure. The path then passes its load on to other bonds, while the external load stays the same. Where no
+    equilibrium continues the path, it ends or, with `drag`, continues by dynamics. Steps of `equilibrate` and slow
+    dynamics of cemented boxes broke the same bonds (`tests/wings/status/test_cemented_path.py`).
 
-    Slow dynamics in 200 steps of the load moved the lid as the path did, within 0.1 % (median) and 0.9 % (largest), and
-    strained sheared cells within 0.06 %, event by event, where one status alone was consistent
+    In slow dynamics with 200 load steps, the lid moved as along the path, to within 0.1 % (median) and 0.9 % (largest),
+    and the strains of sheared cells agreed to within 0.06 %, event by event, where only one status was consistent
     (`tests/wings/status/test_path.py`).
 
     Parameters
@@ -158,7 +158,7 @@ def load_path(
     increment : largest increment of load between two updates of the geometry, as a fraction of a leg
     geometric : whether k includes the geometric stiffness
     drag : on translations and rotations during a collapse; default: the path ends where stability is lost [1/time]
-    duration : longest time of a collapse; default: 1e5 natural units, see `relax` [time]
+    duration : longest time of a collapse; default: 1e5 natural units (see `relax`) [time]
     travel : largest displacement of a body in a collapse; default: 5 mean diameters. If the packing is not at rest
         within both, it flows, and the path ends [length]
     report : called as report(stage, share done, text) after every increment
@@ -166,7 +166,7 @@ def load_path(
     Raises
     ------
     ValueError
-        if the packing is out of balance or unstable, the law is not linear, bonds fade or are mere springs, the load
+        If the packing is out of balance or unstable, the law is not linear, bonds fade or are mere springs, the load
         acts on an unsupported body, or the controls have different free components.
 
     Examples
@@ -459,7 +459,7 @@ BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 
 
 def check_start(state: State, law: Law, legs, increment: float) -> None:
-    """Raise ValueError, with one sentence, if no path can begin in a state, or if a leg cannot be followed."""
+    """Raise ValueError if no path can begin in a state, or if a leg cannot be followed."""
     if not legs:
         raise ValueError("at least one leg, a Control, is needed")
     if law.kind != linear().kind or law.properties:
@@ -524,7 +524,7 @@ def _check_bonds(state: State) -> None:
 
 
 def check_dynamics(control: Control, drag: float, duration: float | None, travel: float | None) -> None:
-    """Raise ValueError, with one sentence, if dynamics cannot hold the load of a control."""
+    """Raise ValueError if dynamics cannot hold the load of a control."""
     require_positive(drag=drag, **{k: v for k, v in (("duration", duration), ("travel", travel)) if v is not None})
     if control.rate.any() or control.cell_rate.any() or control.course.any():
         raise ValueError(
@@ -543,7 +543,7 @@ def _check_leg(begin: Control, end: Control) -> None:
         if not np.array_equal(getattr(end, name), getattr(begin, name)):
             raise ValueError(
                 f"the controls of the legs change {name}: only forces, torques, gravity, stress and anchors of "
-                f"springs may change; to control a displacement, pull with a stiff spring, see `with_machine`"
+                f"springs may change; to control a displacement, pull with a stiff spring (see `with_machine`)"
             )
     if ((end.stress != begin.stress) & ~begin.cell_free).any():
         raise ValueError(

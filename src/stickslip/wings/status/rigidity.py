@@ -77,7 +77,7 @@ def rigid_clusters(
     Raises
     ------
     ValueError
-        if there are no contacts, if the law has no or smooth friction or resists rolling, or for spheres with
+        If there are no contacts, if the law has no or smooth friction or resists rolling, or for spheres with
         "pebbles".
 
     Notes
@@ -444,7 +444,7 @@ def mechanisms(
     Raises
     ------
     ValueError
-        if there are more than 6000 coordinates, for which singular values take too long.
+        If there are more than 6000 coordinates, for which singular values take too long.
 
     Examples
     --------

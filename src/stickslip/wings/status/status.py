@@ -184,7 +184,7 @@ def _search_without_idle_motions(system: StatusSolver, slides: np.ndarray, uniqu
 
 
 def _unbalanced_motion(system: StatusSolver, driven: np.ndarray) -> UnresistedMotion:
-    """Translation of the whole packing, or rolling of a sphere, along which nothing balances the load."""
+    """Translation of the whole packing, or rolling of a sphere, along which no force balances the load."""
     balance = driven.T @ (driven @ system.load)
     move = balance / np.linalg.norm(balance)
     nothing = np.zeros(len(system.critical), bool)
@@ -310,7 +310,7 @@ def _recompute_rates(system: StatusSolver, slides: np.ndarray):
 
 
 def _verify_solution(system: StatusSolver, solution: Solution) -> VerifiedStatus | None:
-    """Verify a solution of the complementarity problem with k(S); None if this fails."""
+    """Verify a solution of the complementarity problem with k(S); return None if this fails."""
     stable = {1: True, -1: False}.get(solution.sign)
     if solution.sign:
         answer = _verify(system, solution.slides, "enumeration")

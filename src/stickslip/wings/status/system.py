@@ -121,9 +121,9 @@ class StatusSolver:
         return full
 
     def _woodbury(self, slides: np.ndarray) -> np.ndarray | None:
-        """v from the factor of a status that differs in only a few contacts (Woodbury).
+        """Solve for v with the factor of a status that differs in only a few contacts (Woodbury).
 
-        None if this is not applicable.
+        Returns None if this is not applicable.
         """
         if self.factored is None:
             return None
@@ -148,7 +148,7 @@ class StatusSolver:
 
 
 def load_of(matrix: LinearSystem, load) -> np.ndarray:
-    """(n,) load as an array; raises ValueError with one sentence if it is no finite number for each coordinate."""
+    """(n,) load as an array; raise ValueError unless it has a finite number for each coordinate."""
     load, size = np.asarray(load, float), len(matrix.free)
     if load.shape != (size,):
         raise ValueError(f"a load must have shape {(size,)}, one component for each coordinate, got {load.shape}")
@@ -213,8 +213,8 @@ def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
 def roll_springs(matrix: LinearSystem, geometric: bool = True):
     """(n, n) sparse stiffness that keeps rolling spheres from spinning about the line through their contacts.
 
-    If the load does not drive this motion, the springs carry no force. The balance leaves the spin open, and inertia
-    and drag decide it; it affects other contacts by the order of the overlap over the radius.
+    If the load does not drive this motion, the springs carry no force. Force balance does not determine the spin;
+    inertia and drag do. The spin affects other contacts only to the order of the overlap over the radius.
     """
     spins = np.where(matrix.free.axis >= 3, rolling_motions(matrix, geometric), 0.0)
     held = sparse.csr_array(np.sqrt(matrix.springs.max(initial=0.0)) * spins)
@@ -246,7 +246,7 @@ def lowest_eigenvalue(matrix: LinearSystem) -> float:
 
 
 def driven_motions(matrix: LinearSystem, load: np.ndarray, geometric: bool = True) -> np.ndarray:
-    """(K, n) free translations of the packing and rolling motions that a load drives, since nothing balances it."""
+    """(K, n) free translations of the packing and rolling motions that a load drives, since no force balances it."""
     moves = np.array([*_free_translations(matrix), *rolling_motions(matrix, geometric)]).reshape(-1, len(load))
     return moves[np.abs(moves @ load) > RESIDUAL * np.abs(load).sum()]
 

@@ -80,8 +80,8 @@ def shear(
     """Shear or compress a packing quasi-statically until it fails, and forecast its next event.
 
     Writes the stress-strain curve, complex pairs born and dying, events, contacts that open, close or slide, bonds that
-    break, forecasts with intervals, a figure and a page. Only an equilibrium in a periodic cell without walls is
-    sheared. After ctrl-C or a kill, stickslip resume continues.
+    break, forecasts with intervals, a figure and a page. The packing must be in equilibrium, in a periodic cell without
+    walls. After ctrl-C or a kill, stickslip resume continues.
     """
     from ...kit import trust_law_files, validate_scenario
     from .failure.scenario import FailureScenario

@@ -67,7 +67,7 @@ class Fault(NamedTuple):
     slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
 
     def check_entries(self) -> None:
-        """Raise an error with a one-sentence message if an entry has a wrong type, shape or name."""
+        """Raise an error if an entry has a wrong type, shape or name."""
         check_types(self)
         choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES, "slip": SENSES}
         for name, allowed in choices.items():
@@ -173,7 +173,7 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     Raises
     ------
     ValueError
-        if a parameter is not valid, or if cells are longer than a third of the cohesive length.
+        If a parameter is not valid, or if cells are longer than a third of the cohesive length.
 
     Examples
     --------
@@ -229,7 +229,7 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
 
 
 def check_fault(fault: Fault) -> None:
-    """Raise ValueError with a one-sentence message if a fault is invalid or its cells are too long."""
+    """Raise ValueError if a fault is invalid or its cells are too long."""
     fault.check_entries()
     for name in ("a", "dc", "normal", "dc2"):
         _check_values(name, getattr(fault, name), positive=True)
@@ -304,7 +304,7 @@ def _check_geometry(fault: Fault) -> None:
 
 
 def _check_cells(fault: Fault) -> None:
-    """Reject cells that do not resolve the rupture tip where friction weakens with velocity, at low or high velocity.
+    """Raise ValueError if cells do not resolve the tip of a rupture where friction weakens at low or high velocity.
 
     With cut-off velocities, A/B changes monotonically with velocity.
     """
@@ -346,7 +346,7 @@ def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: f
 
     The stiffness G k/2 of a sinusoid then equals the critical stiffness (b − a) σ/D_c of `critical_stiffness`, hence
     π G D_c/[(b − a) σ], for both laws (J. R. Rice and A. L. Ruina 1983, doi:10.1115/1.3167042). With cut-off
-    velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the velocity of sliding, see `Fault.sliding_at`.
+    velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the velocity of sliding (see `Fault.sliding_at`).
 
     Examples
     --------
@@ -365,7 +365,7 @@ def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal
     L_b/[π (1 − a/b)²] towards which they grow, if that is larger (Rubin and Ampuero 2005, doi:10.1029/2005JB003686,
     equations 13 and 31). With the slip law, zones become shorter as they accelerate (Ampuero and Rubin 2008,
     doi:10.1029/2007JB005082). With cut-off velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the slip
-    velocity of the zone, see `Fault.sliding_at`.
+    velocity of the zone (see `Fault.sliding_at`).
 
     Examples
     --------
@@ -480,7 +480,7 @@ def _lengths(fault: Fault) -> _Lengths:
 
 
 def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthens: str) -> str:
-    """Sentence on steady slip at V, and on changes up to 1 m/s."""
+    """Sentence on steady slip at V, and on the change of its stability up to 1 m/s."""
     location, fast = f" at {velocity:.3g} m/s", _lengths(fault.sliding_at(max(SEISMIC, velocity)))
     if slow.longest == fast.longest == 0:
         ends = f"from {velocity:.3g} to {SEISMIC:g} m/s"

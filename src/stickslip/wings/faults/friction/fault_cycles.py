@@ -104,9 +104,9 @@ def simulate_fault(
     Raises
     ------
     ValueError
-        if a parameter is not valid.
+        If a parameter is not valid.
     RuntimeError
-        if the step becomes too small; the message is one sentence.
+        If the step becomes too small.
 
     Examples
     --------
@@ -144,7 +144,7 @@ def check_recording(fault: Fault, recording: Recording) -> None:
         raise ValueError("stations at the surface require in-plane shear and boundary = 'surface'")
     if not (np.isfinite(surface) & (surface != 0)).all():
         raise ValueError(
-            "surface must be finite distances from the trace, other than 0 (use 0.01 and −0.01 m for its two sides), "
+            "surface must contain finite, nonzero distances from the trace (use 0.01 and −0.01 m for its two sides), "
             f"got {recording.surface}"
         )
     if recording.threshold <= fault.plate_rate:

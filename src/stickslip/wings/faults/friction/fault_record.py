@@ -160,10 +160,10 @@ class Points(NamedTuple):
 
 
 def points(fault: Fault, depths) -> Points:
-    """Prepare the interpolation to points.
+    """Prepare the interpolation at given depths.
 
-    Beyond the first centre below a free surface, values follow the even parabola through two cells, or a straight line
-    for in-plane shear. Beyond other end centres they are constant.
+    Between a free surface and the first cell centre, values follow the even parabola through the first two cells or,
+    for in-plane shear, a straight line. Beyond the other end centres they are constant.
     """
     depths = np.atleast_1d(np.asarray(depths, float))
     last = len(fault.depth) - 2

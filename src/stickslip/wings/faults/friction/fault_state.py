@@ -186,7 +186,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     Raises
     ------
     ValueError
-        if the velocity or the stress is not positive, or if no θ balances the stress.
+        If the velocity or the stress is not positive, or if no θ balances the stress.
 
     Examples
     --------
@@ -273,7 +273,7 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
     Raises
     ------
     ValueError
-        if the state does not belong to this fault, or if no θ balances the stress.
+        If the state does not belong to this fault, or if no θ balances the stress.
     """
     check_state(fault, state)
     if np.ndim(log_velocity):
@@ -296,7 +296,7 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
 
 
 def check_state(fault: Fault, state: FaultState) -> None:
-    """Raise ValueError with a one-sentence message if a state does not belong to this fault."""
+    """Raise ValueError if a state does not belong to this fault."""
     cells, states = len(fault.depth), 1 if state.log_state2 is None else 2
     if len(state.excess_slip) != cells:
         raise ValueError(

@@ -159,9 +159,9 @@ def fit(
     Raises
     ------
     ValueError
-        if the input is not valid.
+        If the input is not valid.
     RuntimeError
-        if the slider runs away for all parameters tried.
+        If the slider runs away with all parameters that were tried.
 
     Examples
     --------

@@ -74,12 +74,12 @@ def posterior(
     Raises
     ------
     ValueError
-        if the input is not valid.
+        If the input is not valid.
     RuntimeError
-        if the data do not determine all parameters, if residuals vary as slowly as the signal, or if the chain is
+        If the data do not determine all parameters, if residuals vary as slowly as the signal, or if the chain is
         shorter than 50 autocorrelation times; draws would not represent the posterior.
     MissingExtraError
-        if emcee is not installed.
+        If emcee is not installed.
 
     Examples
     --------
@@ -136,7 +136,7 @@ def posterior(
 def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
     """Return three functions: log-density, proposal of the sampler with its log-ratio, and random points.
 
-    Everything is relative to the best fit for the final noise.
+    All three refer to the best fit under the final noise.
     """
     task, filters = solution.task, solution.filters
     best = solve(task, solution.x, filters).x
@@ -206,7 +206,7 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
     Raises
     ------
     ValueError
-        if the fits do not use the same samples.
+        If the fits do not use the same samples.
     """
     same = len(first.models) == len(second.models) and first.samples == second.samples
     for own, other in zip(first.residuals, second.residuals, strict=False):

@@ -56,7 +56,7 @@ class LabRecord(NamedTuple):
 
 @checked
 def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None, motion: bool = True) -> LabRecord:
-    """Read a record from a text table, or an HDF5, MATLAB or binary XLOOK file, detected from the content.
+    """Read a record from a text table, HDF5, MATLAB or binary XLOOK file; the content determines the format.
 
     Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
     columns are slip, theta and pore_pressure. The pore pressure is subtracted from the normal stress, unless that is
@@ -79,7 +79,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     Raises
     ------
     ValueError
-        if a column, unit or line cannot be interpreted; the message names it, and the allowed ones
+        If a column, unit or line cannot be interpreted; the message names it, and the allowed ones.
     """
     path = Path(path)
     table = _open_record(path, columns)
@@ -414,7 +414,7 @@ def hold_response(time: Series, friction: Series, legs: Iterable[LoadStep], *, b
         within, after = friction[(time > start) & (time <= stop)], friction[(time > stop) & (time <= ends[k + 1])]
         if not (len(prior) and len(within) and len(after)):
             raise ValueError(
-                f"the record has no samples before, in or after the hold at time {start:g}: use a higher sampling rate"
+                f"no samples before, during or after the hold at time {start:g}: a higher sampling rate is needed"
             )
         level = float(prior.mean())
         drops.append((legs[k].duration, level, level - float(within[-1]), float(after.max()) - level))

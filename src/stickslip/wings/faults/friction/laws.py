@@ -255,7 +255,7 @@ def spring_slider(
     Raises
     ------
     ValueError
-        if parameters, legs or times are not valid. Runaway slip is not an error; see `SlipHistory.end`.
+        If parameters, legs or times are not valid. Runaway slip is not an error; see `SlipHistory.end`.
 
     Examples
     --------

@@ -176,7 +176,7 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
     Raises
     ------
     ValueError
-        with one sentence.
+        If the text does not state such velocities.
 
     Examples
     --------

@@ -389,7 +389,7 @@ def _start_vector(task: Task, start: dict, free) -> np.ndarray:
 
 
 def with_states_in_order(task: Task, x) -> np.ndarray:
-    """Return x with D_c < D_c2 if both states are free and can be exchanged."""
+    """Return x with D_c < D_c2 if both states are free and interchangeable."""
     pairs = (("b", "b2"), ("dc", "dc2"))
     if not {name for pair in pairs for name in pair} <= set(task.names):
         return x

@@ -403,7 +403,7 @@ def read_stress_table(path: str | Path) -> StressTable:
     Raises
     ------
     ValueError
-        if the file is not such a table; the message is one sentence.
+        If the file is not such a table.
     """
     try:
         text = read_text(path, remedy="give a CSV file")

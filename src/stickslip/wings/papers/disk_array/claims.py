@@ -6,7 +6,7 @@ k_n = 1. Forces are stated in the paper's numbers (a force of 1 is 1/2000 here, 
 
 There are two scenarios. `main` is the printed model with I0 = 1/2, the value for a disk. `quarter` is a hypothesis
 found by a search, without documented justification: the disk–disk normal stiffness is a quarter of the printed value,
-and I0 = 1. It is labelled as a hypothesis everywhere.
+and I0 = 1. It is always labelled as a hypothesis.
 """
 
 from typing import NamedTuple

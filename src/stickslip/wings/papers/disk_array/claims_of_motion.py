@@ -195,7 +195,7 @@ def _order(forward: dict[float, Front | None]) -> Claim:
 
 
 def halves_ratio(front: Front) -> float:
-    """Speed of a front in the first half of its way over that in the second half."""
+    """Speed of a front in the first half of its path over that in the second half."""
     k, d, t = len(front.delay) // 2, front.distance, front.delay
     return float(d[k] / t[k] * (t[-1] - t[k]) / (d[-1] - d[k]))
 

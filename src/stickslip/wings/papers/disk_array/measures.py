@@ -50,7 +50,7 @@ def backward_front(
 ) -> fronts.Front | None:
     """Fit the front at which sliding exceeds a threshold, backward from the last disk, from all runs at `loads`.
 
-    With `smooth`, displacements without their oscillation are used, see `fronts.Transition`.
+    With `smooth`, displacements without their oscillation are used (see `fronts.Transition`).
     """
     how, name = result.scenario.sliding, "smooth_slide" if smooth else "slide"
     order, distance = backward_order(result)

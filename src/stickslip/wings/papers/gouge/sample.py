@@ -209,7 +209,7 @@ def attach_spring(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
     Parameters
     ----------
     stiffness : k A [N/m]
-    times, displacement : (K,) motion of the load point relative to the point of attachment, see `spring_loaded` [s],
+    times, displacement : (K,) motion of the load point relative to the point of attachment (see `spring_loaded`) [s],
         [m]
     """
     state, top = gouge.state, gouge.top

@@ -109,7 +109,7 @@ def check_folder(folder: Path) -> None:
         with TemporaryFile(dir=folder):
             pass
     except OSError as problem:
-        raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another one") from None
+        raise ValueError(f"cannot write to the folder {folder} ({problem.strerror}): choose another one") from None
 
 
 def write_sample(folder: Path, scenario: GougeScenario, realization: Realization) -> None:

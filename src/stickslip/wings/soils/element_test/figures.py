@@ -84,7 +84,7 @@ def stress_strain(
 
 @styled
 def stress_path(tables: list[_Table], unit: str):
-    """Stress paths in the plane of mean and deviatoric stress, for undrained tests also of total stresses."""
+    """Stress paths in the plane of mean and deviatoric stress; for undrained tests, also those of total stress."""
     figure, axes = column_axes()
     _lines(axes, tables, "p", "q")
     for k, table in enumerate(tables if "pore_pressure" in tables[0] else ()):

@@ -46,14 +46,14 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
     Raises
     ------
     ValueError
-        if a unit is missing or unknown, or if columns contradict each other; the message is one sentence.
+        If a unit is missing or unknown, or if columns contradict each other.
     """
     path = Path(path)
     table = laboratory_table.open_table(path, WANTED)
     if not table.places:
         seen = table.list_columns() or "without headings"
         raise ValueError(
-            f"{path} has no column of a test of soil: its columns are {seen}; name some as in '{WANTED.example}'"
+            f"{path} has no column of a soil test: its columns are {seen}; name some as in '{WANTED.example}'"
         )
     if told := table.list_unknown():
         warnings.warn(f"{path}: unknown columns, not drawn: {told}", stacklevel=2)
@@ -159,8 +159,8 @@ def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
         ratio = float(strain @ expected) / max(float(expected @ expected), 1e-300)
         if ratio < 0:
             warnings.warn(
-                f"{path}: the void ratio shows that dilation is positive in the volumetric strain: its sign was turned "
-                f"round", stacklevel=3,
+                f"{path}: the void ratio shows that dilation is positive in the volumetric strain: its sign was "
+                "reversed", stacklevel=3,
             )  # fmt: skip
             out["volumetric_strain"] = -strain
         if not 0.5 < abs(ratio) < 2:
@@ -195,7 +195,7 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
     Raises
     ------
     ValueError
-        if the table cannot be read or lacks the quantities of this kind of test; the message is one sentence.
+        If the table cannot be read or lacks the quantities of this kind of test.
     """
     kind = scenario.path.kind
     if scenario.sample.dim == 2 or scenario.units != "SI" or kind == "simple-shear":

@@ -364,7 +364,7 @@ def fit_envelope(sigma1: np.ndarray, sigma3: np.ndarray) -> Envelope:
     sigma1, sigma3 = np.asarray(sigma1, float), np.asarray(sigma3, float)
     count = len(sigma3)
     if count < 2 or not np.ptp(sigma3) > 1e-6 * np.abs(sigma3).max():
-        raise ValueError(f"an envelope needs Mohr circles at two pressures, but all {count} have σ₃ from one")
+        raise ValueError(f"an envelope needs Mohr circles at two or more values of σ₃, but all {count} have the same")
     weight = 1 / (sigma1 + sigma3)
     (n, b), spread = _least_squares(weight[:, None] * np.column_stack([sigma3, np.ones(count)]), weight * sigma1)
     by_phi = np.array([1 / ((n + 1) * np.sqrt(n)), 0.0])  # derivatives with respect to n and b
@@ -466,8 +466,8 @@ def compare(members: list[SweepMember]) -> Comparison:
     The pressure is `sample.pressure` or, with cement, `cement.confining`. Circles are drawn at the peak and, without
     cement, at the critical state. If fewer than two pressures lead to a critical state, circles for the last third of
     the path are drawn instead, without a line. Members that differ in other swept keys have separate envelopes and
-    lines, unless these keys vary with the pressure only. Circles of tension tests are drawn, but not used for the
-    envelope.
+    lines, unless these keys vary only together with the pressure. Circles of tension tests are drawn, but not used for
+    the envelope.
     """
     swept = [key for key in PRESSURES if any(key in member.values for member in members)]
     members = [member for member in members if swept and "sigma1_peak" in member.measures]

@@ -435,7 +435,7 @@ def strain_searched(result: CatalogueResult) -> float:
 
 
 def predictor_skills(result: CatalogueResult, **options) -> list[Skill]:
-    """Skill of every predictor, see `skills`."""
+    """Skill of every predictor (see `skills`)."""
     return skills(step_table(result.samples), event_table(result.samples), result.scenario.shear.window, **options)
 
 

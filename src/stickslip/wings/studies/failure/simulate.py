@@ -72,7 +72,7 @@ def read_input(scenario: FailureScenario) -> Packed:
     Raises
     ------
     ValueError
-        if the packing cannot be read or sheared, or does not have the digest in the scenario.
+        If the packing cannot be read or sheared, or does not have the digest in the scenario.
     """
     given, law, shear = scenario.packing, scenario.law, scenario.shear
     options = given.model_dump(exclude={"file", "settle", "digest"})

@@ -63,7 +63,7 @@ def poured(scenario: FlowScenario) -> Poured:
     Raises
     ------
     ScenarioError
-        If the grains do not fit, if they lie behind a wall, or if dt is too long; the message is one sentence.
+        If the grains do not fit, if they lie behind a wall, or if dt is too long.
     """
     chosen, dim = scenario.grains, scenario.grains.dim
     rng = np.random.default_rng(scenario.seed)

@@ -135,9 +135,9 @@ def simulate_flow(
     Raises
     ------
     ScenarioError
-        If grains, walls, plates and dt are incompatible; raised before the run, with a one-sentence message.
+        If grains, walls, plates and dt are incompatible; raised before the run.
     RuntimeError
-        If a grain moves more than a radius in one step or a position is not a number; the message is one sentence.
+        If a grain moves more than a radius in one step or a position is not a number.
     """
     start, checkpoint = poured(scenario), checkpoint_in(folder, scenario, Piece, StageEnd)
     chosen = find_engine(scenario, start, folder, threads)
