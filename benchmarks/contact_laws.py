@@ -1,4 +1,4 @@
-"""Time per step of user-defined laws, a copy and one with rolling resistance, relative to the built-in law.
+"""Time per step of laws with rolling, twisting or additional memory, and of user-defined laws, over `hertz_mindlin`.
 
 python -m benchmarks contact_laws
 """
@@ -13,6 +13,7 @@ import stickslip as ss
 from .records import number
 
 ROUNDS, STEPS, DT = 7, 300, 0.05
+HM = "hertz_mindlin"
 HERTZ = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5}
 
 
@@ -51,15 +52,33 @@ def ratio(state: ss.State, one: ss.Law, other: ss.Law, steps: int = STEPS) -> fl
     return best[1] / best[0]
 
 
-def rows(*, smallest: bool = False):
-    """Both ratios."""
+def cases():
+    """Names and sizes of all cases: law, side of the cube of spheres, name of the reference, law, reference."""
     own = {"normal_force": normal_force, "tangential_stiffness": tangential_stiffness}
     rolls = {"rolling_stiffness": rolling_stiffness, "rolling_cap": rolling_cap}
-    built_in, copy = ss.laws.hertz_mindlin(**HERTZ), ss.laws.custom(**own, parameters=HERTZ)
-    rolling = ss.laws.custom(**own, **rolls, parameters=HERTZ | {"kr": 0.01, "mu_r": 0.1})
-    for side, law, name in ((14, copy, "copy of hertz_mindlin"), (10, rolling, "with rolling resistance")):
+    plain, damped = ss.laws.hertz_mindlin(**HERTZ), ss.laws.hertz_mindlin(**HERTZ, damping_n=0.1, damping_t=0.1)
+    yield "copy of hertz_mindlin", 14, HM, ss.laws.custom(**own, parameters=HERTZ), plain
+    yield (
+        "with rolling resistance",
+        10,
+        HM,
+        ss.laws.custom(**own, **rolls, parameters=HERTZ | {"kr": 0.01, "mu_r": 0.1}),
+        plain,
+    )
+    rolling = ss.laws.with_rolling(damped, k_roll=0.05, mu_roll=0.1, gamma_roll=0.1)
+    yield "rolling spring", 14, HM, rolling, damped
+    twisting = ss.laws.with_twisting(rolling, k_twist=0.05, mu_twist=0.1, gamma_twist=0.1)
+    yield "rolling and twisting springs", 14, HM, twisting, damped
+    yield "memory of forces", 14, HM, ss.laws.with_memory(damped, "force"), damped
+    linear = ss.laws.linear(kn=1.0, kt=2 / 7, mu=0.5)
+    yield "walton_braun", 14, "linear", ss.laws.walton_braun(kn=1.0, kt=2 / 7, mu=0.5, k_unload=2.0), linear
+
+
+def rows(*, smallest: bool = False):
+    """Ratios of all cases."""
+    for name, side, base, law, other in cases():
         state = gas(5 if smallest else side)
-        for one in (built_in, law):
+        for one in (other, law):
             ss.run(state, one, 10, DT, threads=1)  # compile, or load from the cache
-        took = ratio(state, built_in, law, 2 if smallest else STEPS)
-        yield number(f"{name}, {len(state.grains.radius)} spheres, time over that of hertz_mindlin", took)
+        took = ratio(state, other, law, 2 if smallest else STEPS)
+        yield number(f"{name}, {len(state.grains.radius)} spheres, time over that of {base}", took)

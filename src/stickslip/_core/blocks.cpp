@@ -1,5 +1,6 @@
 // build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only
 #include "loop.h"
+#include "rolling.h"
 
 namespace {
 
@@ -103,6 +104,19 @@ inline void gather_motion(bool predict, int64_t used, const uint32_t *i, const u
                       scratch + ROLL_AHEAD);
 }
 
+// ω_i − ω_j of the pairs of a block.
+template <int DIM>
+inline void gather_turns(int64_t used, const uint32_t *i, const uint32_t *j, const double *spins, int64_t stride,
+                         double *turn) {
+  for (int64_t at = 0; at < used; at += 8) {
+    Four rows[2][4];
+    for (int q = 0; q < 8; ++q)
+      rows[q / 4][q % 4] = four(spins + i[at + q] * stride) - four(spins + j[at + q] * stride);
+    transpose(rows[0]), transpose(rows[1]);
+    for (int k = DIM == 3 ? 0 : 2; k < 3; ++k) store_eight(turn + k * LANES + at, rows[0][k], rows[1][k]);
+  }
+}
+
 // Six planes of scratch, forces and −n × F_t, to rows of loads, and if `more` a seventh; the rest of each is zero.
 inline void scatter_loads(bool more, int64_t used, const double *scratch, double *load) {
   for (int64_t at = 0; at < used; at += 4) {
@@ -112,6 +126,17 @@ inline void scatter_loads(bool more, int64_t used, const double *scratch, double
     transpose(first);
     transpose(second);
     for (int q = 0; q < 4; ++q) store_eight(load + (at + q) * WIDTH, first[q], second[q]);
+  }
+}
+
+// Three planes of scratch to rows of moments.
+inline void scatter_moments(int64_t used, const double *scratch, double *moment) {
+  for (int64_t at = 0; at < used; at += 4) {
+    Four first[4] = {Four{}, Four{}, Four{}, four(scratch + at)};
+    Four second[4] = {four(scratch + LANES + at), four(scratch + 2 * LANES + at), Four{}, Four{}};
+    transpose(first);
+    transpose(second);
+    for (int q = 0; q < 4; ++q) store_eight(moment + (at + q) * WIDTH, first[q], second[q]);
   }
 }
 
@@ -266,25 +291,81 @@ inline NormalForce normal_force(const Block &block, const Geometry &at, int64_t 
 
 // Evaluates the functions of a user-defined law for all lanes.
 template <int DIM>
-void evaluate_user_law(const Block &block, double *scratch) {
+void evaluate_user_law(const Block &block, double dt, double *scratch) {
   const Law &law = block.law;
   for (int64_t l = 0; l < block.used; l += W) store(scratch + OVERLAP + l, geometry<DIM>(block, l).overlap);
   double unused[LANES];
   const double *size = block.size ? block.size : unused;
   if (!block.size)
     for (double &value : unused) value = 1.0;
-  reinterpret_cast<LawFunction>(law.force)(block.q, block.used, size, scratch + OVERLAP, scratch + OVERLAP,
-                                           nullptr, scratch + ELASTIC, scratch + STIFFNESS);
-  if (!law.cap) return;
-  for (int64_t l = 0; l < block.used; l += W)
-    store(scratch + TOTAL + l, normal_force<DIM>(block, geometry<DIM>(block, l), l).total);
-  double second[LANES];
-  reinterpret_cast<LawFunction>(law.cap)(block.q, block.used, size, scratch + OVERLAP, scratch + TOTAL, nullptr,
-                                         scratch + LIMIT, second);
+  auto call_all = [&](void *function, int64_t one, int64_t two) {
+    reinterpret_cast<LawFunction>(function)(block.q, block.used, size, scratch + OVERLAP, scratch + TOTAL, nullptr,
+                                            scratch + one, scratch + two);
+  };
+  call_all(law.force, ELASTIC, STIFFNESS);
+  if (law.cap || law.rolling)
+    for (int64_t l = 0; l < block.used; l += W)
+      store(scratch + TOTAL + l, normal_force<DIM>(block, geometry<DIM>(block, l), l).total);
+  if (law.cap) call_all(law.cap, LIMIT, UNUSED);
+  if (law.rolling) call_all(law.rolling, ROLL_STIFFNESS, UNUSED), call_all(law.rolling_cap, ROLL_CAP, UNUSED);
+  if (!law.keeps_force) return;
+  for (int64_t l = 0; l < block.used; l += W) {
+    Geometry at = geometry<DIM>(block, l);
+    Vec<Real> d = dt * planes<DIM>(scratch + MOTION + l);
+    store(scratch + OVERLAP + l, at.overlap - overlap_increment(at.n, at.inverse, d));
+  }
+  call_all(law.force, UNUSED, FORMER);
+}
+
+constexpr int64_t MOMENT = 7 * LANES;  // planes for results, of which those below are no longer needed
+
+// Moments and memory of rotations in W lanes; `spring` is the tangential stiffness, `damping` of the tangential dashpot.
+template <int DIM>
+inline void evaluate_moments(const Block &block, const Geometry &at, int64_t l, double dt, bool hold, Real limit,
+                             Real spring, Real damping, Vec<Real> mid, Ratio<Real> fraction, double *own,
+                             double *scratch) {
+  const Law &law = block.law;
+  const Vec<Real> rate = rotation<DIM>(scratch + (block.predict ? ROTATION_AHEAD : ROTATION) + l), n = at.n;
+  const Vec<Real> turned = dt * rotation<DIM>(scratch + ROTATION + l), psi = rotation<DIM>(own), none = {};
+  const Real along = dot(rate, n), round_off = ROUND_OFF * at.reach / at.r_eff, zero = {};
+  const Vec<Real> w = rate - along * n;
+  Resistance<Real> r = law.rolling ? Resistance<Real>{load(scratch + ROLL_STIFFNESS + l), load(scratch + ROLL_CAP + l), zero}
+                                   : built_in_rolling(law, block.q, at.r_eff, limit);
+  Vec<Real> moment;
+  if (hold) {
+    moment = rolling_load(law, r, psi, w);
+  } else {
+    Loads<Real, Mask> out = rolled_spring<DIM>(
+        law, r, FREE, r.stiffness * round_off, onto_plane(n, mid, psi), onto_plane(n, mid, turned), w, fraction,
+        Mask(load(own + CAPPED * LANES) > 0.0));
+    moment = out.tangential;
+    Vec<Real> after = select(at.touches, out.slip, none);
+    if (DIM == 3) store(own, after.x), store(own + LANES, after.y);
+    store(own + 2 * LANES, after.z);
+    store(own + CAPPED * LANES, select(at.touches & out.slides, zero + 1.0, zero));
+  }
+  if (DIM == 3 && law.twist_at) {
+    r = twisting_resistance(law, block.q, limit, twist_scale(law, block.q, at.r_eff, at.overlap, spring, zero, damping));
+    Real twist = load(own + TWISTED * LANES);
+    if (hold) {
+      moment = moment + twisting_load(r, twist, along) * n;
+    } else {
+      twist = twist + fraction.part / fraction.whole * dot(mid, turned);
+      Twisted<Real, Mask> out = twisted_spring(law, r, FREE, r.stiffness * round_off, twist, along,
+                                               Mask(load(own + TWIST_CAPPED * LANES) > 0.0));
+      moment = moment + out.moment * n;
+      store(own + TWISTED * LANES, select(at.touches, out.twist, zero));
+      store(own + TWIST_CAPPED * LANES, select(at.touches & out.slides, zero + 1.0, zero));
+    }
+  }
+  moment = select(at.touches, moment, none);
+  store(scratch + MOMENT + l, DIM == 3 ? moment.x : zero);
+  store(scratch + MOMENT + LANES + l, DIM == 3 ? moment.y : zero);
+  store(scratch + MOMENT + 2 * LANES + l, moment.z);
 }
 
 // Forces and memory of one block. Lanes that do not touch get zeros.
-template <int DIM>
+template <int DIM, bool MOMENTS>
 void evaluate_block(const Block &block, const Blocks &blocks, int64_t b, double dt, bool hold, double *scratch) {
   const Law &law = block.law;
   bool rate = law.rate;
@@ -302,10 +383,17 @@ void evaluate_block(const Block &block, const Blocks &blocks, int64_t b, double 
       Ratio<Real> touched = touching_fraction(at.n, at.inverse, at.overlap - at.edge, d);
       fraction = {select(open, touched.part, fraction.part), select(open, touched.whole, fraction.whole)};
     }
-    Transport<Real> moved = transport_slip(law, rate, at.n, at.inverse, at.overlap, d, roll, s);
+    Real kept = Real{} + 1.0;
+    if (law.keeps_force) {
+      Real former = larger(at.overlap - overlap_increment(at.n, at.inverse, d), Real{});
+      former = law.force ? load(scratch + FORMER + l) : built_in(law, block.q, at.r_eff, former).stiffness;
+      kept = select(open, kept, kept_force(normal.stiffness, former));
+    }
+    Transport<Real> moved = transport_slip(law, rate, at.n, at.inverse, at.overlap, d, roll, s, kept);
     if (hold) moved.slip = s, moved.increment = {Real{}, Real{}, Real{}};
     Real limit = law.cap ? select(at.touches, load(scratch + LIMIT + l), Real{})
                          : coulomb_limit(block.q, normal.total, rate && law.damping && !law.force);
+    const Real touching_limit = select(at.touches, limit, Real{});
     limit = select(at.touches, limit, Real{} + NO_LIMIT);  // lanes that do not touch do not slide, which takes longer
     Mask slid = (before == SLIDE) | (before == LOOSE);
     Loads<Real, Mask> out =
@@ -321,6 +409,9 @@ void evaluate_block(const Block &block, const Blocks &blocks, int64_t b, double 
     if (hold) after = select(open, after, before);
     store(modes + l, select(at.touches, after, zero + OPEN));
     store(scratch + l, force.x), store(scratch + LANES + l, force.y), store(scratch + 5 * LANES + l, turn.z);
+    if (MOMENTS)
+      evaluate_moments<DIM>(block, at, l, dt, hold, touching_limit, normal.stiffness, normal.factor * block.q[DAMPING_T],
+                            moved.mid, fraction, blocks.turn.data + TURNS * LANES * b + l, scratch);
     if (law.lever) store(scratch + 6 * LANES + l, block.vector ? Real{} : 0.5 * at.overlap);
     store(scratch + 2 * LANES + l, DIM == 3 ? force.z : Real{});
     store(scratch + 3 * LANES + l, DIM == 3 ? turn.x : Real{});
@@ -349,7 +440,7 @@ bool is_idle(const Block &block, const int64_t *modes) {
   return !any(Mask(least <= 0.0) | Mask(held != 0));
 }
 
-template <int DIM>
+template <int DIM, bool MOMENTS>
 void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_t begin, int64_t end,
               const Blocks &blocks, const Moving &moving, double dt, bool hold, const Flow *flow, double *scratch) {
   const double *body = moving.body;
@@ -378,8 +469,14 @@ void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_
     const int64_t place = blocks.place.data[b];
     if (is_idle<DIM>(block, blocks.mode.data + LANES * b)) {
       __builtin_memset(blocks.load.data + WIDTH * place, 0, sizeof(double) * WIDTH * used);
+      if (MOMENTS) __builtin_memset(blocks.moment.data + WIDTH * place, 0, sizeof(double) * WIDTH * used);
       if (flow) __builtin_memset(blocks.pair.data + 3 * place, 0, sizeof(double) * 3 * used);
       continue;
+    }
+    if (MOMENTS) {
+      const uint32_t *i = blocks.i.data + LANES * b, *j = blocks.j.data + LANES * b;
+      gather_turns<DIM>(used, i, j, body + SPIN, BODY, scratch + ROTATION);
+      if (predict) gather_turns<DIM>(used, i, j, moving.ahead + SPIN_AHEAD, BODY_AHEAD, scratch + ROTATION_AHEAD);
     }
     gather_motion<DIM>(predict, used, blocks.i.data + LANES * b, blocks.j.data + LANES * b, body, moving.ahead, scratch);
     if (flow) {
@@ -390,9 +487,10 @@ void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_
     }
     if (law.lever && !law.rate && !block.vector)
       shorten_arms<DIM>(block, blocks.i.data + LANES * b, blocks.j.data + LANES * b, moving, dt, scratch);
-    if (law.force) evaluate_user_law<DIM>(block, scratch);
-    evaluate_block<DIM>(block, blocks, b, dt, hold, scratch);
+    if (law.force) evaluate_user_law<DIM>(block, dt, scratch);
+    evaluate_block<DIM, MOMENTS>(block, blocks, b, dt, hold, scratch);
     scatter_loads(law.lever, used, scratch, blocks.load.data + WIDTH * place);
+    if (MOMENTS) scatter_moments(used, scratch + MOMENT, blocks.moment.data + WIDTH * place);
   }
 }
 
@@ -401,6 +499,6 @@ void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_
 void evaluate_blocks(const Law &law, int64_t dim, int64_t first, int64_t last, bool crossing, int64_t begin,
                      int64_t end, const Blocks &blocks, const Moving &moving, double dt, bool hold, const Flow *flow,
                      double *scratch) {
-  auto own = dim == 3 ? evaluate<3> : evaluate<2>;
-  own(law, first, last, crossing, begin, end, blocks, moving, dt, hold, flow, scratch);
+  auto plain = dim == 3 ? evaluate<3, false> : evaluate<2, false>, turning = dim == 3 ? evaluate<3, true> : evaluate<2, true>;
+  (has_moments(law) ? turning : plain)(law, first, last, crossing, begin, end, blocks, moving, dt, hold, flow, scratch);
 }

@@ -10,6 +10,8 @@
 #include "core.h"
 #include "memory.h"
 
+// planes of the memory of rotations of a block: ψ; whether it is at its cap; the twist; whether it is at its cap
+constexpr int64_t CAPPED = 3, TWISTED = 4, TWIST_CAPPED = 5, TURNS = 6;
 constexpr int64_t WIDTH = 8;  // numbers in a row of loads: three of a force, three of a torque, zero or δ/2, zero
 // the code of a row of loads that a body sums is ROW times its number, plus flags. IS_I: the body is i of that pair, so
 // that the force keeps its sign; IS_FIRST: this is the first row of the body
@@ -29,15 +31,18 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
   Buffer<double> size;        // (K LANES,) R_eff, if the law uses it
   Buffer<double> mass;        // (K LANES,) m_eff, if the law uses it
   Buffer<double> slip;        // (K 3 LANES,)
+  Buffer<double> turn;        // (K TURNS LANES,) if the law has moments
   Buffer<int64_t> mode;       // (K LANES,) as wide as the other numbers
   Buffer<int64_t> place;      // (K,) first row of a block's loads
   Buffer<int64_t> cross;      // (T + 2,) bounds of the blocks between a tile and later ones; then those between threads
   Buffer<int64_t> inner;      // (T + 2,) bounds of the blocks within each tile
   Buffer<double> load;        // (L, WIDTH) force on i and −n × F_t, aligned to cache lines
+  Buffer<double> moment;      // (L, WIDTH) moment on i in place of −n × F_t and zeros, if the law has moments
   Buffer<double> pair;        // (L, 3) with a frame, the pair vectors
   Buffer<uint32_t> start;     // (B + 1,) bounds of each body's part of `code`
   Buffer<uint32_t> code;      // rows of `load` in the order of summation
   int64_t tiles;              // T
+  int64_t turns;              // columns of rotations in the list, or 0: the law has no moments
 };
 
 // Pair vector (3,) of contact c, and rolled length R_i angle_i + R_j angle_j (3,) of two bodies, as they are committed:

@@ -28,12 +28,13 @@ inline const double *parameters(const Law &law, int64_t a, int64_t b) {
   return law.table + (a * law.len_table + b) * law.width;
 }
 
+inline bool has_moments(const Law &law) { return law.rolling || law.roll_at || law.twist_at; }
+
 inline bool needs_radius(const Law &law) {
-  return law.uses_radius || law.damping == VISCOELASTIC || law.roll_at || law.twist_scaled;
+  return law.uses_radius || law.damping == VISCOELASTIC || has_moments(law);
 }
 // Return true if the slip of a contact changes with its overlap.
 inline bool fades(const Law &law) { return law.rescaled || law.keeps_force; }
-inline bool has_moments(const Law &law) { return law.rolling || law.roll_at || law.twist_at; }
 inline bool needs_mass(const Law &law) { return law.damping >= MASS_DAMPING; }
 
 // Elastic normal force and tangential stiffness of a built-in law; overlap > 0.
@@ -65,18 +66,23 @@ inline Slopes<double> tangents(const Law &law, Parameters q, double r_eff, doubl
 }
 
 // Factor k_t(old)/k_t by which a slip changes if the force of its spring is kept.
+template <class T>
+inline T kept_force(T stiffness, T former) {
+  auto both = (stiffness > 0.0) & (former > 0.0);
+  return select(both, former / select(both, stiffness, T{} + 1.0), T{} + 1.0);
+}
+
 inline double kept_force(const Law &law, Parameters q, double r_eff, double stiffness, double old_overlap) {
-  if (!law.keeps_force || !(stiffness > 0.0)) return 1.0;
-  double old = elastic(law, q, r_eff, old_overlap).stiffness;
-  return old > 0.0 ? old / stiffness : 1.0;
+  return law.keeps_force ? kept_force(stiffness, elastic(law, q, r_eff, old_overlap).stiffness) : 1.0;
 }
 
 // Contact radius a and da/dδ: the factor of k_t in LAMMPS laws, or √(δ R_eff).
-inline Slopes<double> contact_radius(const Law &law, Parameters q, double r_eff, double overlap, double stiffness,
-                                     double slope) {
+template <class T>
+inline Slopes<T> contact_radius(const Law &law, Parameters q, T r_eff, T overlap, T stiffness, T slope) {
   if (law.hertz && law.uses_radius && q[KT] > 0.0) return {stiffness / q[KT], slope / q[KT]};
-  double a = overlap > 0.0 ? root(overlap * r_eff) : 0.0;
-  return {a, a > 0.0 ? 0.5 * a / overlap : 0.0};
+  auto touches = overlap > 0.0;
+  T depth = select(touches, overlap, T{} + 1.0), a = select(touches, root(depth * r_eff), T{});
+  return {a, 0.5 * a / depth};
 }
 
 inline double range(const Law &law, Parameters q, double r_eff) {

@@ -60,11 +60,11 @@ static void store_energy(const Law &law, Vec<double> slip, End &end) {
 }
 
 // Moments with rotation memory `row`, or without if null, and the power of their dashpots; w is ω_i − ω_j.
-static void add_moments(const Law &law, double overlap, double fn, TwistScale scale, const double *row, Vec<double> w,
+static void add_moments(const Law &law, double overlap, double fn, TwistScale<double> scale, const double *row, Vec<double> w,
                         End &end) {
   const Pair &pair = end.pair;
-  Resistance roll = rolling_resistance(law, pair.q, pair.r_eff, overlap, fn, end.given[1]);
-  Resistance twist = twisting_resistance(law, pair.q, end.given[1], scale);
+  Resistance<double> roll = rolling_resistance(law, pair.q, pair.r_eff, overlap, fn, end.given[1]);
+  Resistance<double> twist = twisting_resistance(law, pair.q, end.given[1], scale);
   end.roll = roll.stiffness, end.twist = twist.stiffness;
   const double along = dot(w, pair.n), turned = row && law.twist_at ? row[TWIST] : 0.0;
   const Vec<double> psi = row ? vector_at(3, row, 0) : Vec<double>{}, across = w - along * pair.n;
@@ -116,7 +116,8 @@ static End evaluate(const LedgerStep &step, bool at_end, int64_t c, Kept kept, c
   end.friction = length(t);
   end.power = (spring.force - fn) * vn - dot(whole - t, v);
   if (law.rate) end.created = -dot(whole, less);
-  const TwistScale scale = twist_scale(law, q, pair.r_eff, overlap, spring, 0.0, factor * q[DAMPING_T]);
+  const TwistScale<double> scale =
+      twist_scale(law, q, pair.r_eff, overlap, spring.stiffness, 0.0, factor * q[DAMPING_T]);
   if (has_moments(law)) add_moments(law, overlap, fn, scale, rotations, relative_angle(dim, bodies.spin, i, j), end);
   end.force = fn * pair.n + whole;
   end.turn = -1.0 * cross(pair.n, whole);

@@ -121,7 +121,7 @@ static void linearise_rolling(const Law &law, const Bodies &bodies, const Contac
     still = is_zero(way) && is_zero(pair.r - vector_at(3, contacts.pair, c));
   }
   Slopes<double> found = rolling_stiffness(law, q, pair.r_eff, pair.overlap);
-  const Resistance r = rolling_resistance(law, q, pair.r_eff, pair.overlap, force, force_limit);
+  const Resistance<double> r = rolling_resistance(law, q, pair.r_eff, pair.overlap, force, force_limit);
   double stiffness = r.stiffness, limit = r.cap;
   const double slack = stiffness * rotation_round_off(bodies, contacts, pair, c);
   bool slid = own[AT_CAP] > 0.0, slides = return_mapping<DIM>(false, false, memory, stiffness, limit, NO_SLACK, a, d,
@@ -156,9 +156,9 @@ static void linearise_twisting(const Law &law, const Bodies &bodies, const Conta
   const double *own = contacts.rolling + contacts.width_rolling * c;
   const Slopes<double> slope = tangents(law, pair.q, pair.r_eff, pair.overlap);
   const double factor = damping_factor(law, pair.r_eff, pair.m_eff, pair.overlap, spring.force);
-  const TwistScale scale = twist_scale(law, pair.q, pair.r_eff, pair.overlap, spring, slope.second,
-                                       law.damping ? factor * pair.q[DAMPING_T] : 0.0);
-  const Resistance r = twisting_resistance(law, pair.q, limit, scale);
+  const TwistScale<double> scale = twist_scale(law, pair.q, pair.r_eff, pair.overlap, spring.stiffness, slope.second,
+                                               law.damping ? factor * pair.q[DAMPING_T] : 0.0);
+  const Resistance<double> r = twisting_resistance(law, pair.q, limit, scale);
   const double growth = scale.radius > 0.0 ? scale.slope / scale.radius : 0.0;  // d ln a/dδ
   double twist = 0.0;
   bool still = false;
@@ -212,8 +212,9 @@ double rolling_bound(const Law *law, int64_t dim, const Bodies *bodies, const Co
   for (int64_t c = 0; c < *contacts->count; c++) {
     Pair pair = pair_at(*law, dim, *bodies, *contacts, shift, c);
     if (!pair.touches) continue;
-    const TwistScale scale = twist_scale(*law, pair.q, pair.r_eff, pair.overlap,
-                                         elastic(*law, pair.q, pair.r_eff, pair.overlap), 0.0, 0.0);
+    const TwistScale<double> scale =
+        twist_scale(*law, pair.q, pair.r_eff, pair.overlap,
+                    elastic(*law, pair.q, pair.r_eff, pair.overlap).stiffness, 0.0, 0.0);
     double k = 2.0 * larger(rolling_stiffness(*law, pair.q, pair.r_eff, pair.overlap).first,
                             twisting_resistance(*law, pair.q, 0.0, scale).stiffness);
     int64_t ends[] = {contacts->i[c], contacts->j[c]};

@@ -1,4 +1,4 @@
-// Time steps of all grains. Contacts are evaluated by rows (few grains, or a law with rolling) or by blocks.
+// Time steps of all grains. Contacts are evaluated by rows (few grains, bonds, or a law with additional memory) or by blocks.
 //
 // By rows, all bodies are in the last tile. By blocks, a step first evaluates the contacts
 // between bodies of different threads. Then each thread goes through its tiles. It evaluates a tile's contacts, both with
@@ -148,7 +148,7 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
       const int64_t most = by_rows ? run.contacts.count[0] + (run.bonds ? run.bonds->len_i : 0) : 2 * slots;
       if (watch && writing.event_count[0] + most > writing.len_events) return FULL;
       const bool go_on = at.step < stop && !run.flow && !sampling() && !checking() && (by_rows || !watch);
-      const Step step = {run.dim, run.predict, bool(run.law.lever), run.moving, run.pace, run.flow, at.fresh, go_on};
+      const Step step = {run.dim, run.predict, bool(run.law.lever), has_moments(run.law), run.moving, run.pace, run.flow, at.fresh, go_on};
       if (by_rows) {
         evaluate_by_rows(run, at.fresh, time);
       } else {
@@ -181,7 +181,7 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
       }
       if (at.step == stop) return DONE;
       if (run.flow) limit = begin_cell_step(run.frame, run.flow, run.pace.dt, run.pace.keep, run.pace.slow);
-      begin_all(run, {run.dim, run.predict, bool(run.law.lever), run.moving, run.pace, run.flow, true, true});
+      begin_all(run, {run.dim, run.predict, bool(run.law.lever), has_moments(run.law), run.moving, run.pace, run.flow, true, true});
     }
     at.ended = false;
     ++at.step;

@@ -22,7 +22,7 @@ inline void record_event(const Events *events, int64_t kind, const Contacts &con
               contacts.image + 3 * c, place);
 }
 
-// ---- contacts row by row of the list: for `forces`, for runs of few grains, and for laws with rolling resistance or
+// ---- contacts row by row of the list: for `forces`, for runs of few grains or with bonds, and for laws with
 // additional memory
 
 struct Vectors {  // one per body; rows of arrays that hold more
@@ -59,10 +59,13 @@ void sweep_contacts(const Law &law, int64_t dim, const Sweep &sweep, const Conta
 // ---- contacts by blocks
 
 // Planes in the scratch memory of a block: pair vector, relative velocity, Σ R ω, sum of radii; with dashpots predicted
-// velocity and Σ R ω; for a user-defined law overlap, range, elastic force, stiffness, force with its dashpot, and cap
+// velocity and Σ R ω; for a user-defined law overlap, range, elastic force, stiffness, force with its dashpot, cap,
+// rolling stiffness and cap, stiffness before the step, and unused results; with moments ω_i − ω_j, and as predicted
 constexpr int64_t PAIR = 0, MOTION = 3 * LANES, ROLL = 6 * LANES, RADII = 9 * LANES, MOTION_AHEAD = 10 * LANES;
 constexpr int64_t ROLL_AHEAD = 13 * LANES, OVERLAP = 16 * LANES, EDGE = 17 * LANES, ELASTIC = 18 * LANES;
-constexpr int64_t STIFFNESS = 19 * LANES, TOTAL = 20 * LANES, LIMIT = 21 * LANES, SCRATCH = 22 * LANES;
+constexpr int64_t STIFFNESS = 19 * LANES, TOTAL = 20 * LANES, LIMIT = 21 * LANES, ROLL_STIFFNESS = 22 * LANES;
+constexpr int64_t ROLL_CAP = 23 * LANES, ROTATION = 24 * LANES, ROTATION_AHEAD = 27 * LANES, FORMER = 30 * LANES;
+constexpr int64_t UNUSED = 31 * LANES, SCRATCH = 32 * LANES;
 
 // Loads and memory of the blocks `first` to `last`. With `hold`, the memory is kept. Data are prefetched meanwhile. If
 // the blocks are `crossing`, their bodies are scattered and are prefetched one block ahead. Otherwise the bodies
@@ -81,6 +84,7 @@ struct Step {
   int64_t dim;
   bool predict;  // velocities at the full step for dashpots
   bool lever;    // lever arms are shorter than R by the seventh number of a row of loads
+  bool turns;    // contacts have moments
   const Moving &moving;
   const Pace &pace;
   const Flow *flow;

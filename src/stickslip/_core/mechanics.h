@@ -200,6 +200,7 @@ inline Vec<T> with_tangential_dashpot(Vec<T> t, T damping, T limit, Vec<T> v) {
   t = t - damping * v;
   T square = dot(t, t), one = T{} + 1.0;
   auto over = square > limit * limit;
+  if (!any(over)) return t;  // the same bits, sooner
   return select(over, limit / root(select(over, square, one)), one) * t;
 }
 
@@ -219,12 +220,13 @@ inline Loads<T, M> truncate_as_lammps(T fn, T stiffness, T damping, T limit, T s
   Vec<T> t = (-stiffness) * s - damping * v;
   T square = dot(t, t), one = T{} + 1.0;
   M cut = square > limit * limit, slides = (cut | (slid & still_slides(square, limit, slack))) & negate(hold);
+  if (!any(cut)) return {fn, t, s, limit, slides};  // the same bits, sooner
   T share = select(cut, limit / root(select(cut, square, one)), one);
   // a contact that slides without ever having been sheared transmits no tangential force
   T grip = select(negate(cut) | (dot(s, s) > 0.0), share, T{});
   auto soft = stiffness > 0.0;
   T stretch = select(soft, damping / select(soft, stiffness, one), T{});
-  s = s + select(cut & negate(hold), share - 1.0, T{}) * (s + stretch * v);
+  s = select(cut & negate(hold), s + (share - 1.0) * (s + stretch * v), s);
   return {fn, grip * t, s, limit, slides};
 }
 

@@ -8,7 +8,7 @@ constexpr double NOT_FINITE_SQUARE = 1e300;  // returned for NaN
 
 // Sums of loads for a range of bodies, one entry of `code` after another. There is no branch on the first row of a body,
 // because it is unpredictable.
-template <bool LEVER>
+template <bool LEVER, bool TURNS>
 struct Stream {
   const Blocks &blocks;
   const double *bodies;
@@ -20,17 +20,19 @@ struct Stream {
 
   void add(uint32_t word) {
     alignas(64) static const double signs[2][8] = {{-1, -1, -1, 1, 1, 1, 1, 1}, {1, 1, 1, 1, 1, 1, 1, 1}};
+    alignas(64) static const double forces[8] = {1, 1, 1, 0, 0, 0, 0, 0}, torques[8] = {0, 0, 0, 1, 1, 1, 0, 0};
     alignas(64) static const int64_t kept[2][8] = {{-1, -1, -1, -1, -1, -1, -1, -1}, {}};
     const double *row = reinterpret_cast<const double *>(reinterpret_cast<const char *>(blocks.load.data) + (word & ~(ROW - 1)));
+    const double *moments = TURNS ? blocks.moment.data + (row - blocks.load.data) : nullptr;
     const double *sign = signs[(word & IS_I) / IS_I];
     const int64_t *mask = kept[word & IS_FIRST];
     body += word & IS_FIRST;
     const double arm = LEVER ? bodies[BODY * body + RADIUS] - row[6] : 1.0;
-    const double arms[8] = {1.0, 1.0, 1.0, arm, arm, arm, 0.0, 0.0};
     for (int k = 0; k < WIDTH; k += W) {
       Mask before = (Mask)sums[k / W] & load(mask + k);
       if (loaded) before |= (Mask)load(external + WIDTH * body + k) & ~load(mask + k);
-      sums[k / W] = (Real)before + (LEVER ? load(row + k) * load(arms + k) : load(row + k)) * load(sign + k);
+      sums[k / W] = (Real)before + (LEVER ? load(row + k) * (load(forces + k) + arm * load(torques + k)) : load(row + k)) * load(sign + k);
+      if (TURNS) sums[k / W] += sign[0] * load(moments + k);
       store(total + WIDTH * (body - origin) + k, sums[k / W]);
     }
   }
@@ -38,12 +40,12 @@ struct Stream {
 
 // Sums rows for each body, beginning with the external load, in the order of `code`. The two halves of the bodies are
 // interleaved, because each addition waits for the previous one.
-template <bool LEVER, bool LOADED, bool FAR>
+template <bool LEVER, bool TURNS, bool LOADED, bool FAR>
 void sum_rows(const Moving &moving, const Blocks &blocks, int64_t first, int64_t last, double *total) {
   const uint32_t *start = blocks.start.data, *code = blocks.code.data;
   const int64_t middle = (first + last) / 2, begin = start[first], half = start[middle], end = start[last];
-  Stream<LEVER> one{blocks, moving.body, moving.external, LOADED, total, first - 1, first, {}};
-  Stream<LEVER> two{blocks, moving.body, moving.external, LOADED, total, middle - 1, first, {}};
+  Stream<LEVER, TURNS> one{blocks, moving.body, moving.external, LOADED, total, first - 1, first, {}};
+  Stream<LEVER, TURNS> two{blocks, moving.body, moving.external, LOADED, total, middle - 1, first, {}};
   const int64_t both = half - begin < end - half ? half - begin : end - half;
   auto fetch = [&](int64_t e) {
     if (FAR)
@@ -75,10 +77,10 @@ void sum_virial(const Moving &moving, const Blocks &blocks, int64_t first, int64
   }
 }
 
-template <bool LEVER>
+template <bool LEVER, bool TURNS>
 auto choose_sum(bool loaded, bool far) {
-  return loaded ? (far ? sum_rows<LEVER, true, true> : sum_rows<LEVER, true, false>)
-                : (far ? sum_rows<LEVER, false, true> : sum_rows<LEVER, false, false>);
+  return loaded ? (far ? sum_rows<LEVER, TURNS, true, true> : sum_rows<LEVER, TURNS, true, false>)
+                : (far ? sum_rows<LEVER, TURNS, false, true> : sum_rows<LEVER, TURNS, false, false>);
 }
 
 // External loads and those of all contacts, for at most CHUNK bodies.
@@ -86,12 +88,15 @@ void sum_loads(const Step &step, const Blocks &blocks, int64_t first, int64_t la
   const Moving &moving = step.moving;
   const bool far = moving.len_tile > 2;  // with one tile, all data are near
   const bool loaded = moving.len_external > 1;
-  auto sum = step.lever ? choose_sum<true>(loaded, far) : choose_sum<false>(loaded, far);
+  const bool arms = step.lever || step.turns;  // torques are sums of terms of which not all are proportional to R
+  auto sum = step.turns ? choose_sum<true, true>(loaded, far)
+             : arms     ? choose_sum<true, false>(loaded, far)
+                        : choose_sum<false, false>(loaded, far);
   sum(moving, blocks, first, last, total);
   if (step.flow) sum_virial(moving, blocks, first, last);
   for (int64_t g = first; g < last; ++g) {
     const double *torque = moving.torque + (moving.len_torque > 1 ? 3 * g : 0);
-    const double radius = step.lever ? 1.0 : moving.body[BODY * g + RADIUS];
+    const double radius = arms ? 1.0 : moving.body[BODY * g + RADIUS];
     for (int k = 0; k < 3; ++k) total[WIDTH * (g - first) + 3 + k] = torque[k] + radius * total[WIDTH * (g - first) + 3 + k];
   }
 }

@@ -153,8 +153,8 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
                                frozen && rests, before != OPEN, still && rests, moves,
                                rotation_round_off(bodies, contacts, pair, c)};
     Vec<double> moment = rolling_moment<DIM>(law, rolling_resistance(law, q, r_eff, overlap, fn, limit), step, own);
-    if (law.twist_at) {
-      const TwistScale scale = twist_scale(law, q, r_eff, overlap, spring, 0.0, damping);
+    if (DIM == 3 && law.twist_at) {
+      const TwistScale<double> scale = twist_scale(law, q, r_eff, overlap, spring.stiffness, 0.0, damping);
       moment = moment + twisting_moment(law, twisting_resistance(law, q, limit, scale), step, own) * n;
     }
     add_rotation<DIM>(torque_i, 1.0, moment);
@@ -202,3 +202,4 @@ void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const 
 
 uint8_t needs_radius(const Law *law) { return needs_radius(*law); }
 uint8_t needs_mass(const Law *law) { return needs_mass(*law); }
+uint8_t has_moments(const Law *law) { return has_moments(*law); }

@@ -61,8 +61,7 @@ class _Run:
     """State of a run.
 
     It holds the only references to the list and blocks, so that their memory can be freed before new ones are made.
-    Contacts in small systems, bonds, and contacts with rolling resistance or additional memory are evaluated by rows,
-    all others by blocks.
+    Contacts in small systems, bonds, and contacts with additional memory are evaluated by rows, all others by blocks.
     """
 
     def __init__(
@@ -137,7 +136,7 @@ class _Run:
         if not core.choose_blocks(
             self.blocks, self.listed, self.moved, known.inverse_mass, known.material, known.normal, len(known.normal),
             state.cell.vectors, across, room, self.contacts.gap, len(self.law.table), core.needs_radius(self.struct),
-            core.needs_mass(self.struct),
+            core.needs_mass(self.struct), self.struct.angular if core.has_moments(self.struct) else 0,
         ):  # fmt: skip
             raise MemoryError
 

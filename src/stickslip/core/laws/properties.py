@@ -77,8 +77,8 @@ def with_memory(law: Law, of: Annotated[str, one_of(*MEMORIES)]) -> Law:
 
     With slip as memory, F_t = −k_t(δ) s changes with the overlap. With force as memory, dF_t = −k_t(δ) ds: a
     sticking contact keeps F_t as its overlap changes, and `Contacts.slip` holds −F_t/k_t. With `rescaled=True`, F_t
-    also shrinks with k_t where the overlap decreases. Contacts are evaluated by rows. Under a built-in law whose k_t is
-    constant both are the same, and the law is returned unchanged.
+    also shrinks with k_t where the overlap decreases. Under a built-in law whose k_t is constant both are the same, and
+    the law is returned unchanged.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def with_rolling(
 
     These are types A, B and C of Ai et al. Type A is regularised by its dashpot: the moment is constant once
     |ω| > μ_r P/(γ R_eff). The first two exert no moment at rest, so that static solutions do not depend on them.
-    `spring` is LAMMPS `rolling sds`. Contacts are evaluated by rows.
+    `spring` is LAMMPS `rolling sds`.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def with_twisting(
 
     These are LAMMPS `twisting sds` and `twisting marshall`. With `marshall`, k_t is the parameter `kt`, as in LAMMPS;
     Marshall multiplies that of Hertzian contacts by a. Its coefficients ½ k_t, ⅔ μ and ½ become parameters of the law
-    for each pair of materials. Contacts are evaluated by rows; two dimensions have no twisting.
+    for each pair of materials. Two dimensions have no twisting.
 
     Parameters
     ----------
@@ -219,8 +219,8 @@ def resists_rolling(law: Law) -> bool:
 
 
 def needs_rows(law: Law) -> bool:
-    """Return True if a law is evaluated by rows only: blocks support neither moments nor memory other than slip."""
-    return resists_rolling(law) or bool(own_memory(law.kind) or law.properties & KEEPS_FORCE)
+    """Return True if a law is evaluated by rows only: blocks support no memory other than slip and rotations."""
+    return bool(own_memory(law.kind))
 
 
 def angular_columns(law: Law) -> int:
