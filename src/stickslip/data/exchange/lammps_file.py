@@ -233,8 +233,8 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
         told = "normal forces of the law differ from those in the dump by up to"
         if miss > OTHER_LAW:
             raise PackingError(
-                f"{told} {miss:.2g} of their mean, so the law, the types or the run differ: give the law, kn and damping_n used in "
-                f"LAMMPS, and enough digits ({ALL_DIGITS})"
+                f"{told} {miss:.2g} of their mean, so the law, the types or the run differ: give the law, kn and "
+                f"damping_n used in LAMMPS, and enough digits ({ALL_DIGITS})"
             )
         if miss > NEGLIGIBLE:
             warnings.warn(f"{told} {miss:.1g} of their mean: {ALL_DIGITS}", PackingWarning, stacklevel=3)
