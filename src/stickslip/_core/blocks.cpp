@@ -206,6 +206,7 @@ struct Block {
   const double *size, *mass, *vector;  // null where they are not used
   const double *scratch;
   const int64_t *modes;
+  double *memory;  // additional memory of each lane, or null
   bool predict;
   int64_t used;  // lanes
 };
@@ -289,6 +290,30 @@ inline NormalForce normal_force(const Block &block, const Geometry &at, int64_t 
   return out;
 }
 
+// Calls a function of a user-defined law for all lanes.
+inline void call_lanes(const Block &block, void *function, const double *size, const double *overlap, const double *fn,
+                       double *one, double *two) {
+  const LawFunction call = reinterpret_cast<LawFunction>(function);
+  if (!block.memory) return call(block.q, block.used, size, overlap, fn, nullptr, one, two);
+  for (int64_t l = 0; l < block.used; ++l)
+    call(block.q, 1, size + l, overlap + l, fn + l, block.memory + block.law.len_memory * l, one + l, two + l);
+}
+
+// Additional memory of all lanes at the end of a step; `touched`: where the pairs were closed before.
+void update_memories(const Block &block, bool hold, const int64_t *touched, const double *overlap) {
+  const Law &law = block.law;
+  const double none = 0.0;
+  for (int64_t l = 0; l < block.used; ++l) {
+    double *own = block.memory + law.len_memory * l, unused;
+    if (block.modes[l] == OPEN) {
+      for (int64_t m = 0; m < law.len_memory; ++m) own[m] = law.memory[m];
+    } else if (!hold || touched[l] == OPEN) {
+      const double r_eff = block.size ? block.size[l] : 1.0;
+      reinterpret_cast<LawFunction>(law.update)(block.q, 1, &r_eff, overlap + l, &none, own, own, &unused);
+    }
+  }
+}
+
 // Evaluates the functions of a user-defined law for all lanes.
 template <int DIM>
 void evaluate_user_law(const Block &block, double dt, double *scratch) {
@@ -299,8 +324,7 @@ void evaluate_user_law(const Block &block, double dt, double *scratch) {
   if (!block.size)
     for (double &value : unused) value = 1.0;
   auto call_all = [&](void *function, int64_t one, int64_t two) {
-    reinterpret_cast<LawFunction>(function)(block.q, block.used, size, scratch + OVERLAP, scratch + TOTAL, nullptr,
-                                            scratch + one, scratch + two);
+    call_lanes(block, function, size, scratch + OVERLAP, scratch + TOTAL, scratch + one, scratch + two);
   };
   call_all(law.force, ELASTIC, STIFFNESS);
   if (law.cap || law.rolling)
@@ -312,9 +336,9 @@ void evaluate_user_law(const Block &block, double dt, double *scratch) {
   for (int64_t l = 0; l < block.used; l += W) {
     Geometry at = geometry<DIM>(block, l);
     Vec<Real> d = dt * planes<DIM>(scratch + MOTION + l);
-    store(scratch + OVERLAP + l, at.overlap - overlap_increment(at.n, at.inverse, d));
+    store(scratch + TOTAL + l, at.overlap - overlap_increment(at.n, at.inverse, d));
   }
-  call_all(law.force, UNUSED, FORMER);
+  call_lanes(block, law.force, size, scratch + TOTAL, scratch + TOTAL, scratch + UNUSED, scratch + FORMER);
 }
 
 constexpr int64_t MOMENT = 7 * LANES;  // planes for results, of which those below are no longer needed
@@ -460,7 +484,8 @@ void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_
     Block block = {law, q, needs_radius(law) ? blocks.size.data + LANES * b : nullptr,
                    needs_mass(law) ? blocks.mass.data + LANES * b : nullptr,
                    blocks.wall.data[b] ? blocks.vector.data + blocks.at.data[b] : nullptr, scratch,
-                   blocks.mode.data + LANES * b, predict, used};
+                   blocks.mode.data + LANES * b,
+                   law.len_memory ? blocks.memory.data + law.len_memory * LANES * b : nullptr, predict, used};
     if (law.range) {
       double unused[LANES];
       reinterpret_cast<LawFunction>(law.range)(q, used, block.size ? block.size : unused, unused, unused,
@@ -488,7 +513,10 @@ void evaluate(const Law &law, int64_t first, int64_t last, bool crossing, int64_
     if (law.lever && !law.rate && !block.vector)
       shorten_arms<DIM>(block, blocks.i.data + LANES * b, blocks.j.data + LANES * b, moving, dt, scratch);
     if (law.force) evaluate_user_law<DIM>(block, dt, scratch);
+    int64_t touched[LANES];
+    if (block.memory) __builtin_memcpy(touched, block.modes, sizeof touched);
     evaluate_block<DIM, MOMENTS>(block, blocks, b, dt, hold, scratch);
+    if (block.memory) update_memories(block, hold, touched, scratch + OVERLAP);
     scatter_loads(law.lever, used, scratch, blocks.load.data + WIDTH * place);
     if (MOMENTS) scatter_moments(used, scratch + MOMENT, blocks.moment.data + WIDTH * place);
   }

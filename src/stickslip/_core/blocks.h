@@ -32,6 +32,7 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
   Buffer<double> mass;        // (K LANES,) m_eff, if the law uses it
   Buffer<double> slip;        // (K 3 LANES,)
   Buffer<double> turn;        // (K TURNS LANES,) if the law has moments
+  Buffer<double> memory;      // (K LANES, own) additional memory of contacts, that of a new one if they are open
   Buffer<int64_t> mode;       // (K LANES,) as wide as the other numbers
   Buffer<int64_t> place;      // (K,) first row of a block's loads
   Buffer<int64_t> cross;      // (T + 2,) bounds of the blocks between a tile and later ones; then those between threads
@@ -43,6 +44,7 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
   Buffer<uint32_t> code;      // rows of `load` in the order of summation
   int64_t tiles;              // T
   int64_t turns;              // columns of rotations in the list, or 0: the law has no moments
+  int64_t own, at_own;        // numbers of additional memory, and their first column in the list
 };
 
 // Pair vector (3,) of contact c, and rolled length R_i angle_i + R_j angle_j (3,) of two bodies, as they are committed:

@@ -141,6 +141,7 @@ constexpr int32_t DONE = 0, CONVERGED = 1, NOT_FINITE = 2, FULL = 3, MOVED = 4, 
 constexpr int64_t MOST_THREADS = 256;
 
 struct Blocks;  // see blocks.h
+struct Law;
 
 API Blocks *new_blocks(void);  // null if memory runs out
 API void free_blocks(Blocks *blocks);
@@ -148,11 +149,10 @@ API void clear_blocks(Blocks *blocks);  // frees memory and leaves no block
 API void commit_blocks(const Blocks *blocks, const Contacts *contacts);  // writes slips and modes back to the list
 // Commits the old blocks, then chooses blocks for all pairs that may touch within the displacement limits `room` (B,).
 // `across` maps an image to the shift of the pair vector: the cell's vectors, or the unit matrix if there is a frame.
-// `turns`: columns of rotations in the list if the law has moments, or 0. Returns false, without any block, if memory runs out.
-API uint8_t choose_blocks(Blocks *blocks, const Contacts *contacts, const Moving *moving, const double *inverse_mass,
-                          const int64_t *material, const double *normal, int64_t walls, const double *vectors,
-                          const double *across, const double *room, double gap, int64_t materials, uint8_t by_size,
-                          uint8_t by_mass, int64_t turns);
+// Returns false, without any block, if memory runs out.
+API uint8_t choose_blocks(Blocks *blocks, const Law *law, const Contacts *contacts, const Moving *moving,
+                          const double *inverse_mass, const int64_t *material, const double *normal, int64_t walls,
+                          const double *vectors, const double *across, const double *room, double gap);
 
 // Morton keys (n,) of points (3, n) in cells of `size`; coordinates must not be negative
 API void morton_keys(const double *x, int64_t n, double size, int64_t *key);
@@ -437,10 +437,6 @@ API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks 
 // Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
 API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
                            const double *vectors, int64_t memory, double *force, double *torque);
-
-API uint8_t needs_radius(const Law *law);  // whether contacts need R_eff
-API uint8_t needs_mass(const Law *law);    // whether contacts need m_eff
-API uint8_t has_moments(const Law *law);   // whether contacts resist rolling or twisting
 
 // ---- values of a law at given overlaps
 

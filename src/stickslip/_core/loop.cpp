@@ -1,4 +1,4 @@
-// Time steps of all grains. Contacts are evaluated by rows (few grains, bonds, or a law with additional memory) or by blocks.
+// Time steps of all grains. Contacts are evaluated by rows (few grains, or bonds) or by blocks.
 //
 // By rows, all bodies are in the last tile. By blocks, a step first evaluates the contacts
 // between bodies of different threads. Then each thread goes through its tiles. It evaluates a tile's contacts, both with

@@ -22,8 +22,7 @@ inline void record_event(const Events *events, int64_t kind, const Contacts &con
               contacts.image + 3 * c, place);
 }
 
-// ---- contacts row by row of the list: for `forces`, for runs of few grains or with bonds, and for laws with
-// additional memory
+// ---- contacts row by row of the list: for `forces`, and for runs of few grains or with bonds
 
 struct Vectors {  // one per body; rows of arrays that hold more
   const double *data;

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "blocks.h"
+#include "laws.h"
 #include "threads.h"
 
 namespace {
@@ -26,14 +27,13 @@ struct Picked {  // a pair, with all data for blocks except its slip, so that th
 // and so have walls.
 struct Choice {
   Blocks &blocks;
+  const Law &law;
   const Contacts list;
   const Moving moving;
   const double *const inverse_mass;
   const int64_t *const material;
   const double *const normal, *const vectors, *const across, *const room;
   const double gap;
-  const bool by_size, by_mass;
-  const int64_t turns;         // columns of rotations in the list, or 0
   const int64_t materials, bodies, grains;
   const int64_t top;      // tiles, the last one included
   const int64_t workers;  // threads
@@ -179,8 +179,9 @@ bool grow_blocks(const Choice &s, int64_t count) {
   Blocks &b = s.blocks;
   const int64_t slots = count * LANES;
   return grow(b.i, slots) && grow(b.j, slots) && grow(b.row, slots) && grow(b.material, 2 * count) &&
-         grow(b.used, count) && grow(b.wall, count) && grow(b.at, count) && grow(b.size, s.by_size ? slots : 0) &&
-         grow(b.mass, s.by_mass ? slots : 0) && grow(b.slip, 3 * slots) && grow(b.turn, s.turns ? TURNS * slots : 0) && grow(b.mode, slots) &&
+         grow(b.used, count) && grow(b.wall, count) && grow(b.at, count) && grow(b.size, needs_radius(s.law) ? slots : 0) &&
+         grow(b.mass, needs_mass(s.law) ? slots : 0) && grow(b.slip, 3 * slots) &&
+         grow(b.turn, b.turns ? TURNS * slots : 0) && grow(b.memory, b.own * slots) && grow(b.mode, slots) &&
          grow(b.place, count) && grow(b.cross, s.top + 1) && grow(b.inner, s.top + 1) && grow(b.start, s.bodies + 1);
 }
 
@@ -217,20 +218,23 @@ void fill_block(const Choice &s, int64_t b) {
     far |= pair.far;
     if (real) used = (l / MOST_LANES + 1) * MOST_LANES;
     if (real) s.slot[pair.row] = static_cast<int32_t>(slot);
-    if (s.by_size) {
+    if (needs_radius(s.law)) {
       const double r = s.moving.body[BODY * pair.i + RADIUS], other = s.moving.body[BODY * pair.j + RADIUS];
       blocks.size.data[slot] = !real ? 1.0 : wall ? r : r * other / (r + other);
     }
-    if (s.by_mass) {
+    if (needs_mass(s.law)) {
       const double inverse = s.inverse_mass[s.moving.order[pair.i]] + s.inverse_mass[s.moving.order[pair.j]];
       blocks.mass.data[slot] = !real ? 1.0 : inverse > 0.0 ? 1.0 / inverse : 0.0;
     }
     for (int64_t m = 0; m < 3; ++m)
       blocks.slip.data[(3 * b + m) * LANES + l] = real ? s.list.slip[3 * pair.row + m] : 0.0;
-    if (s.turns) {
-      const double *own = s.list.rolling + s.list.width_rolling * pair.row;
+    const bool closed = real && pair.mode != OPEN;
+    const double *own = closed ? s.list.rolling + s.list.width_rolling * pair.row : nullptr;
+    for (int64_t m = 0; m < blocks.own; ++m)
+      blocks.memory.data[blocks.own * slot + m] = closed ? own[blocks.at_own + m] : s.law.memory[m];
+    if (blocks.turns) {
       double *turn = blocks.turn.data + TURNS * LANES * b + l;
-      const bool closed = real && pair.mode != OPEN, twists = s.turns > TWIST;
+      const bool twists = blocks.turns > TWIST;
       for (int64_t m = 0; m < 3; ++m) turn[m * LANES] = closed ? own[m] : 0.0;
       turn[CAPPED * LANES] = closed ? own[AT_CAP] : 0.0;
       turn[TWISTED * LANES] = closed && twists ? own[TWIST] : 0.0;
@@ -378,10 +382,10 @@ bool complete_blocks(const Choice &s, Pool &pool) {
   double far = 0.0;
   for (int64_t k = 0; k < s.workers; ++k) far = larger(far, s.far[k]);
   if (rows < 0 || !grow(b.vector, place_vectors(s)) || !grow(b.load, WIDTH * (rows + 1)) ||
-      !grow(b.moment, s.turns ? WIDTH * (rows + 1) : 0) ||      !grow(b.pair, with_frame * 3 * (rows + 1)) || !grow(b.code, codes))
+      !grow(b.moment, b.turns ? WIDTH * (rows + 1) : 0) || !grow(b.pair, with_frame * 3 * (rows + 1)) || !grow(b.code, codes))
     return false;
   memset(b.load.data + WIDTH * rows, 0, WIDTH * sizeof(double));
-  if (s.turns) memset(b.moment.data + WIDTH * rows, 0, WIDTH * sizeof(double));
+  if (b.turns) memset(b.moment.data + WIDTH * rows, 0, WIDTH * sizeof(double));
   pool.each([&](int64_t k) { count_loads(s, k); });
   place_loads(s, rows);
   pool.each([&](int64_t k) {
@@ -394,19 +398,19 @@ bool complete_blocks(const Choice &s, Pool &pool) {
 
 }  // namespace
 
-uint8_t choose_blocks(Blocks *blocks, const Contacts *contacts, const Moving *moving, const double *inverse_mass,
-                      const int64_t *material, const double *normal, int64_t walls, const double *vectors,
-                      const double *across, const double *room, double gap, int64_t materials, uint8_t by_size,
-                      uint8_t by_mass, int64_t turns) {
+uint8_t choose_blocks(Blocks *blocks, const Law *law, const Contacts *contacts, const Moving *moving,
+                      const double *inverse_mass, const int64_t *material, const double *normal, int64_t walls,
+                      const double *vectors, const double *across, const double *room, double gap) {
   const int64_t bodies = moving->len_order, top = moving->len_tile, workers = moving->len_share - 1;
-  const int64_t kinds = 2 * materials * materials;
-  Choice s{*blocks, *contacts, *moving, inverse_mass, material, normal, vectors, across, room, gap, by_size != 0,
-           by_mass != 0, turns, materials, bodies, bodies - walls, top, workers, kinds, 2 * top * kinds};
+  const int64_t materials = law->len_table, kinds = 2 * materials * materials;
+  Choice s{*blocks, *law, *contacts, *moving, inverse_mass, material, normal, vectors, across, room, gap,
+           materials, bodies, bodies - walls, top, workers, kinds, 2 * top * kinds};
   Pool pool(workers);
   pool.each([&](int64_t k) { commit_part(*blocks, *contacts, k, workers); });
   blocks->count = 0;
   blocks->tiles = top - 1;
-  blocks->turns = turns;
+  blocks->turns = has_moments(*law) ? law->angular : 0;
+  blocks->own = law->len_memory, blocks->at_own = law->angular;
   Scratch scratch;
   if (!take_memory(s, scratch)) return false;
   index_bodies(s);
@@ -434,8 +438,8 @@ Blocks *new_blocks(void) { return static_cast<Blocks *>(calloc(1, sizeof(Blocks)
 
 void clear_blocks(Blocks *blocks) {
   Blocks &b = *blocks;
-  release_all(b.i, b.j, b.row, b.material, b.used, b.wall, b.at, b.vector, b.size, b.mass, b.slip, b.turn, b.mode, b.place,
-              b.cross, b.inner, b.load, b.moment, b.pair, b.start, b.code);
+  release_all(b.i, b.j, b.row, b.material, b.used, b.wall, b.at, b.vector, b.size, b.mass, b.slip, b.turn, b.memory,
+              b.mode, b.place, b.cross, b.inner, b.load, b.moment, b.pair, b.start, b.code);
   b = Blocks{};
 }
 
@@ -455,9 +459,11 @@ void commit_part(const Blocks &blocks, const Contacts &list, int64_t part, int64
     for (int64_t m = 0; m < 3; ++m) list.slip[3 * c + m] = slip[m * LANES];
     list.mode[c] = static_cast<int8_t>(mode == STUCK_AGAIN ? STICK : mode == LOOSE ? SLIDE : mode);
     list.reached[c] = mode == SLIDE || mode == STUCK_AGAIN;
+    double *own = list.rolling + list.width_rolling * c;
+    for (int64_t m = 0; m < blocks.own && mode != OPEN; ++m)
+      own[blocks.at_own + m] = blocks.memory.data[blocks.own * s + m];
     if (!blocks.turns) continue;
     const double *turn = blocks.turn.data + TURNS * (s - s % LANES) + s % LANES;
-    double *own = list.rolling + list.width_rolling * c;
     for (int64_t m = 0; m < 3; ++m) own[m] = turn[m * LANES];
     own[AT_CAP] = turn[CAPPED * LANES];
     if (blocks.turns > TWIST) own[TWIST] = turn[TWISTED * LANES], own[TWIST_AT_CAP] = turn[TWIST_CAPPED * LANES];

@@ -199,7 +199,3 @@ void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const 
                  bodies->rate, *bodies, vectors, force, torque, 3, nullptr, nullptr};
   sweep_contacts(*law, dim, sweep, *contacts);
 }
-
-uint8_t needs_radius(const Law *law) { return needs_radius(*law); }
-uint8_t needs_mass(const Law *law) { return needs_mass(*law); }
-uint8_t has_moments(const Law *law) { return has_moments(*law); }

@@ -11,7 +11,7 @@ from ..core.arguments import checked
 from ..core.control import fixed
 from ..core.laws.builtin import MU, Law
 from ..core.laws.kinds import bridges_gaps
-from ..core.laws.properties import angular_columns, needs_rows
+from ..core.laws.properties import angular_columns, remembers_more
 from ..core.readable import readable
 from ..core.state import SLIDE, STICK, State
 from ..data.exchange.arrays import law_from_options
@@ -128,7 +128,7 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
 
 
 def _check_law(law: Law) -> None:
-    if len(law.table) > 1 or needs_rows(law) or angular_columns(law) or bridges_gaps(law.kind):
+    if len(law.table) > 1 or remembers_more(law) or angular_columns(law) or bridges_gaps(law.kind):
         raise PackingError(
             "measured forces need a law of one material whose forces depend only on overlap and slip: use one without "
             "moments, additional memory or lever arms R − δ/2"

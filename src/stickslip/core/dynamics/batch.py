@@ -16,7 +16,7 @@ from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, with_neighbor_l
 from ..laws.builtin import MU, Law, damping_model
 from ..laws.compiled import FORCES, law_struct
 from ..laws.kinds import Kind
-from ..laws.properties import angular_columns, needs_rows
+from ..laws.properties import angular_columns, remembers_more
 from ..library import core
 from ..measure import supports
 from ..state import OPEN, Contacts, Instant, State, empty_contacts
@@ -172,7 +172,7 @@ def _run(device: Device, wanted: int, sizes: Sizes) -> tuple[np.ndarray, list[np
 def check_law(law: Law) -> None:
     """Raise ValueError if a device cannot evaluate a law."""
     own = isinstance(law.kind, Kind) or law_struct(law, members=FORCES)["force"] is not None
-    if own or needs_rows(law) or angular_columns(law):
+    if own or remembers_more(law) or angular_columns(law):
         name = "a user-defined law" if isinstance(law.kind, Kind) else NAMES[law.kind]
         more = "" if own else " with other lever arms, a memory of forces, rolling or twisting resistance"
         raise ValueError(

@@ -8,6 +8,7 @@ import numpy as np
 from ..contacts.forces import Bodies, bodies
 from ..control import factors_at
 from ..laws.builtin import Law, damping_model
+from ..laws.properties import resists_rolling
 from ..state import Control, Instant, State, groups
 
 
@@ -117,10 +118,10 @@ def state_checksum(state: State, law: Law, memory: str) -> int:
 def with_mark(state: State, law: Law, memory: str) -> State:
     """State at the end of a run, with its last forces, or without them if a new run would reproduce them bit for bit.
 
-    Without dashpots, contact forces are reproduced, but forces of bonds only to round-off, as their memory has been
-    committed since. The mean velocity of a rigid group is not reproduced.
+    Without dashpots, contact forces are reproduced, but moments and forces of bonds only to round-off, as their memory
+    has been committed since. The mean velocity of a rigid group is not reproduced.
     """
-    if not (damping_model(law) or state.bonds or (state.control.group >= 0).any()):
+    if not (damping_model(law) or resists_rolling(law) or state.bonds or (state.control.group >= 0).any()):
         return state._replace(instant=None)
     return state._replace(instant=state.instant._replace(mark=state_checksum(state, law, memory)))
 

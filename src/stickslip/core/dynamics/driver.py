@@ -25,7 +25,7 @@ from ..contacts.neighbors import (
 from ..fields import pack_keys
 from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
-from ..laws.properties import angular_columns, needs_rows
+from ..laws.properties import angular_columns
 from ..library import core
 from ..progress import available_cores
 from ..state import OPEN, Instant, State, deforms
@@ -61,7 +61,7 @@ class _Run:
     """State of a run.
 
     It holds the only references to the list and blocks, so that their memory can be freed before new ones are made.
-    Contacts in small systems, bonds, and contacts with additional memory are evaluated by rows, all others by blocks.
+    Contacts in small systems and in those with bonds are evaluated by rows, all others by blocks.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class _Run:
         self.imposed, self.deforming = needs_frame(state), deforms(state)
         self.struct = core.fill("Law", law_struct(law, rate=rate > 0, members=FORCES))
         remembers, watched = bool(self.struct.angular or self.struct.len_memory), len(writing.events) > 0
-        self.by_rows = state.n_bodies < MIN_BODIES or needs_rows(law) or state.bonds is not None
+        self.by_rows = state.n_bodies < MIN_BODIES or state.bonds is not None
         self.threads = 1 if self.by_rows else _thread_count(len(state.grains.radius), threads, watched)
         here = bodies_at_start(state, instant)
         self.set_contacts(_working_contacts(state, law, here, bool(books or watched or remembers)))
@@ -134,9 +134,8 @@ class _Run:
         moving.share[:], moving.spent[:] = balance_threads(moving.share, moving.spent[:, 0]), 0
         across = np.eye(3) if self.imposed else state.cell.vectors
         if not core.choose_blocks(
-            self.blocks, self.listed, self.moved, known.inverse_mass, known.material, known.normal, len(known.normal),
-            state.cell.vectors, across, room, self.contacts.gap, len(self.law.table), core.needs_radius(self.struct),
-            core.needs_mass(self.struct), self.struct.angular if core.has_moments(self.struct) else 0,
+            self.blocks, self.struct, self.listed, self.moved, known.inverse_mass, known.material, known.normal,
+            len(known.normal), state.cell.vectors, across, room, self.contacts.gap,
         ):  # fmt: skip
             raise MemoryError
 

@@ -218,9 +218,9 @@ def resists_rolling(law: Law) -> bool:
     return bool(law.properties & sum(MOMENTS)) or "rolling_stiffness" in own
 
 
-def needs_rows(law: Law) -> bool:
-    """Return True if a law is evaluated by rows only: blocks support no memory other than slip and rotations."""
-    return bool(own_memory(law.kind))
+def remembers_more(law: Law) -> bool:
+    """Return True if contacts resist rotations, keep their force, or have additional memory."""
+    return resists_rolling(law) or bool(own_memory(law.kind) or law.properties & KEEPS_FORCE)
 
 
 def angular_columns(law: Law) -> int:
