@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stickslip import _core
+from stickslip import _core, laws
 from stickslip.core.contacts.forces import bodies
-from stickslip.core.contacts.neighbors import grid_of, rebuild_list
+from stickslip.core.contacts.neighbors import grid_of, rebuild_list, with_own_memory
 from stickslip.core.dynamics import moving
 from stickslip.core.dynamics.coefficients import make_plan
+from stickslip.core.laws.compiled import FORCES, law_struct
 from stickslip.core.library import core
 from stickslip.core.state import OPEN, SLIDE, STICK, assembly, box, disks, empty_contacts, flat_walls, loads, spheres
 
@@ -31,7 +32,10 @@ class Buffer(ctypes.Structure):
 class Blocks(ctypes.Structure):
     """The struct of the core, whose arrays can be read and written."""
 
-    _fields_ = [("count", ctypes.c_int64), *((name, Buffer) for name, _ in MEMBERS), ("tiles", ctypes.c_int64)]
+    _fields_ = [
+        ("count", ctypes.c_int64), *((name, Buffer) for name, _ in MEMBERS),
+        *((name, ctypes.c_int64) for name in ("tiles", "turns", "own", "at_own")),
+    ]  # fmt: skip
 
     def arrays(self):
         """All arrays, which may be longer than needed."""
@@ -59,6 +63,13 @@ CASES = {
 }
 
 
+def law_of(materials):
+    """A law whose contacts have all memory that there is, and need radius and mass."""
+    law = laws.walton_braun(k_unload=2.0, damping="viscoelastic", damping_n=0.1)
+    law = laws.with_twisting(laws.with_rolling(law, k_roll=0.1, mu_roll=0.1), k_twist=0.1, mu_twist=0.1)
+    return law._replace(table=np.tile(law.table, (materials, materials, 1)))
+
+
 class Assembly:
     """Random overlapping grains with a list whose memory is random, and the limits of a choice."""
 
@@ -78,10 +89,14 @@ class Assembly:
         self.here = bodies(state)
         old = empty_contacts(state.n_bodies, 0, 0.5, bare=True, keyed=False)
         self.list = rebuild_list(self.here.position, self.here.radius, self.here.normal, grid_of(state.cell), old)
+        self.law = law_of(materials)
+        self.list = with_own_memory(self.list, self.law)
         self.fill_memory(self.list.mode, self.list.reached, self.list.slip)
+        self.list.rolling[:] = rng.normal(size=self.list.rolling.shape)
         plan = make_plan(state, 0.0, 0.0, 1.0)
         self.moving = moving.make_moving_bodies(state, plan, self.here, False, frame, False, threads)
         self.room, self.materials = rng.uniform(0, 0.1, state.n_bodies), materials
+        self.struct = core.fill("Law", law_struct(self.law, members=FORCES))
         self.across = np.eye(3) if frame else state.cell.vectors
         self.place = np.argsort(self.moving.order)
 
@@ -94,8 +109,8 @@ class Assembly:
         """Blocks, their arrays by name, and the rows of the list that they hold with block and lane."""
         known, cell = self.here, self.state.cell
         assert core.choose_blocks(
-            address, self.list, self.moving, known.inverse_mass, known.material, known.normal, len(known.normal),
-            cell.vectors, self.across, self.room, self.list.gap, self.materials, True, True,
+            address, self.struct, self.list, self.moving, known.inverse_mass, known.material, known.normal,
+            len(known.normal), cell.vectors, self.across, self.room, self.list.gap,
         )  # fmt: skip
         blocks = Blocks.from_address(address)
         b = dict(blocks.arrays())
@@ -221,12 +236,28 @@ def test_the_memory_of_blocks_is_written_back_before_they_are_chosen_again(grain
     plain = {STUCK_AGAIN: STICK, LOOSE: SLIDE}
     for again in (False, True):
         blocks, b, lanes, slots = grains.choose(chosen)
-        b["mode"][slots] = grains.rng.choice(modes, len(slots))
         slip = b["slip"][: 3 * LANES * blocks.count].reshape(-1, 3, LANES)
         slip[:] = grains.rng.normal(size=slip.shape)
-        wanted = {c: (b["mode"][LANES * at + lane], slip[at, :, lane].copy()) for c, (at, lane) in lanes.items()}
+        turn, own = b["turn"][: 6 * LANES * blocks.count].reshape(-1, 6, LANES), b["memory"]
+        for c, (at, lane) in lanes.items():  # as the list had it; contacts that are open have none
+            closed, row = grains.list.mode[c] != OPEN, grains.list.rolling[c]
+            np.testing.assert_array_equal(turn[at, :, lane], row[[0, 1, 2, 6, 7, 8]] if closed else np.zeros(6))
+            assert own[LANES * at + lane] == (row[9] if closed else 0.0)
+        b["mode"][slots] = grains.rng.choice(modes, len(slots))
+        turn[:], own[:] = grains.rng.normal(size=turn.shape), grains.rng.normal(size=own.shape)
+        wanted = {
+            c: (
+                b["mode"][LANES * at + lane],
+                slip[at, :, lane].copy(),
+                turn[at, :, lane].copy(),
+                own[LANES * at + lane],
+            )
+            for c, (at, lane) in lanes.items()
+        }
         grains.choose(chosen) if again else core.commit_blocks(chosen, grains.list)
-        for c, (mode, moved) in wanted.items():
+        for c, (mode, moved, turned, further) in wanted.items():
+            np.testing.assert_array_equal(grains.list.rolling[c, [0, 1, 2, 6, 7, 8]], turned)
+            assert mode == OPEN or grains.list.rolling[c, 9] == further
             assert grains.list.mode[c] == plain.get(mode, mode)
             assert grains.list.reached[c] == (mode in (SLIDE, STUCK_AGAIN))
             assert np.array_equal(grains.list.slip[c], moved)
