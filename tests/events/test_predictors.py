@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stickslip.wings.studies.catalogue.figures import roc_curves
 from stickslip.wings.studies.catalogue.simulate import (
     event_table,
     label_steps,
@@ -133,3 +134,10 @@ def test_faster_motion_announces_an_event(name):
     steps[name] = np.where(followed, 2.0, 1.0)
     (skill,) = (one for one in skills(steps, events, 4e-4, resamples=2) if one.predictor == name)
     assert skill.roc.area == 1
+
+
+def test_one_law_takes_a_column_and_two_laws_the_width_of_a_page():
+    made = samples(4, 4)
+    found = skills(step_table(made), event_table(made), 4e-4, resamples=2)
+    widths = [25.4 * roc_curves(panels).get_figwidth() for panels in (found, [found, found])]
+    assert widths == pytest.approx([86, 178])  # mm
