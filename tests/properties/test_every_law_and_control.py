@@ -376,8 +376,8 @@ def test_a_run_agrees_with_its_twin(name, dim, memory, control, path, monkeypatc
         # a spring at the limit has the slip limit/k_t, k_t ~ √δ: errors of δ matter in a contact that has just closed
         close = ROUND_OFF * max(1.0, np.abs(other.slip).max() / abs(twin.overlap(key)))
         np.testing.assert_allclose([mine.slip, mine.roll], [other.slip, other.roll], rtol=0, atol=close)
-        assert (mine.roll_mode, mine.reached) == (other.roll_mode, other.reached)
-        assert mine.mode == other.mode or twin.is_tied(key)
+        assert mine.reached == other.reached
+        assert (mine.mode, mine.roll_mode) == (other.mode, other.roll_mode) or twin.is_tied(key)
     for row, (_, touching, sliding, tied, virial) in enumerate(sampled):
         assert record.touching[row] == touching and abs(record.sliding[row] - sliding) <= tied
         np.testing.assert_allclose(record.virial[row], virial, rtol=0, atol=10 * ROUND_OFF)
@@ -519,7 +519,7 @@ def jacobian_errors(law, plain, case, memory, h=2e-6):
     numeric = differences(
         lambda q: generalised_loads(ss.modes.displaced(state, free, q), law, plain, free, held), ways, h
     )
-    slow = differences(lambda v: generalised_loads(state, law, plain, free, held, v), ways, 1e-6)
+    slow = differences(lambda v: generalised_loads(state, law, plain, free, held, v), ways, h / 2)
     modes = [m.mode for m in Twin(state, law, plain, DT, held=held, start=False).memory.values()]
     errors = np.abs(exact @ ways - numeric).max() / np.abs(exact.data).max(), np.abs(rub @ ways - slow).max()
     return errors[0], errors[1] / max(np.abs(rub.data).max(initial=0), 1e-12), modes
