@@ -40,6 +40,7 @@ CORE = (  # folders with tests of the compiled core; those most likely to notice
     ("tests/derivatives", "tests/laws", "tests/orders", "tests/device", "tests/properties", "tests/wings/faults"),
     ("tests/unit",),
 )
+CORE_FOLDER = Path("src/stickslip/_core")
 COPIED = ("src", "tests", "docs", "examples", "benchmarks", "release", "paper")
 MANY = 100  # assumed number of tests in a file
 LONGEST = 1800  # limit for the tests of one fault [s]
@@ -172,7 +173,7 @@ def _copy(folder: Path) -> Path:
         if path.is_file():
             shutil.copy2(path, folder)
     for level in set(build.LEVELS) - {build.best_level()}:
-        build.library_path(level, folder / "src/stickslip/_core").unlink(missing_ok=True)
+        build.library_path(level, folder / CORE_FOLDER).unlink(missing_ok=True)
     return folder
 
 
@@ -197,11 +198,17 @@ def is_noticed(mutant: Mutant, root: Path, groups: list[list[str]], right: Path)
             return ""
     finally:
         if mutant.is_compiled:
-            _compiles(root)  # restore the core of the correct sources for the next fault
+            _restore_core(root, right)
 
 
-def _compiles(root: Path) -> bool:
-    call = [sys.executable, root / "src/stickslip/_core/build.py"]
+def _restore_core(root: Path, right: Path) -> None:
+    """Copy the correct core with its objects, so that the next fault compiles only the sources that it changes."""
+    shutil.rmtree(root / CORE_FOLDER)
+    shutil.copytree(right / CORE_FOLDER, root / CORE_FOLDER)
+
+
+def _compiles(root: Path, *options: str) -> bool:
+    call = [sys.executable, root / CORE_FOLDER / "build.py", *options]
     return not subprocess.run(call, cwd=root, env=_environment(root), capture_output=True).returncode
 
 
@@ -254,8 +261,11 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory(prefix="mutants-") as name, ThreadPoolExecutor(given.workers) as pool:
         right = _copy(Path(name) / "right")
+        if any(mutant.is_compiled for mutant in left):
+            _compiles(right, "--force")
         for k in range(given.workers):
-            roots.put(_copy(Path(name) / str(k)))
+            roots.put(root := _copy(Path(name) / str(k)))
+            _restore_core(root, right)
         jobs = {pool.submit(run, mutant): mutant for mutant in left}
         for job in as_completed(jobs):
             mutant = jobs[job]
