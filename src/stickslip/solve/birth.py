@@ -346,7 +346,8 @@ def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
     rest, slaved = motion.force(0 * plane.u0), np.zeros((len(harmonics), len(plane.u0)))
     squares, kept, shapes = [plane.value.imag**2 / (4 * square)], [0.0], [slaved]
     for a in amplitudes:
-        slaved = slaved * ((a / kept[-1]) ** 2 if kept[-1] else 0.0)
+        last = zip(kept[1:][-3:], shapes[1:][-3:], strict=True)
+        slaved = a**2 * _extrapolated(a, [(x, shape / x**2) for x, shape in last]) + 0 * shapes[0]
         for _ in range(MOST_ROUNDS):
             y = 2 * waves[1:].T @ slaved[1:] + slaved[0] + 2 * a * waves[1][:, None] * plane.u0
             pushed = np.array([motion.force(x) - rest + motion.matrix @ x for x in y])
@@ -371,6 +372,11 @@ def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
     peak = float(ends[ends > 0.5 * kept[1]].min(initial=np.inf))
     rates = np.sqrt(np.where(kept < peak, np.maximum(2 * energy, 0.0), np.nan))[1:] / kept[1:]
     return Balance(kept[1:], rates, peak, np.array(shapes))
+
+
+def _extrapolated(x: float, points: list):
+    """Value at x of the polynomial through points (x, value); zero without points."""
+    return sum(value * np.prod([(x - b) / (a - b) for b, _ in points if b != a]) for a, value in points)
 
 
 def resonance_gap(matrix, omega: float) -> float:
@@ -408,37 +414,43 @@ def first_changes(
     closed, apart = watched & (first.closed > 0), watched & (first.closed == 0)
     stuck = closed & (first.slides == 0) & (first.limit > 0)
 
-    def changes_at(a):
-        """(4, C) contacts that leave the sticking state, open, close, reverse; None beyond the range of the motion."""
-        out, ways = np.zeros((4, count), bool), motion(a)
+    def changes_at(a, phases=slice(None)):
+        """(P, 4, C) contacts that leave the sticking state, open, close, reverse; None beyond the motion's range."""
+        out, ways = [], motion(a)
         if ways is None or not np.abs(ways / root).max() <= 0.25 * contacts.skin:
             return None
-        for way, speed in zip(ways, 0 * ways if rates is None else rates(a), strict=True):
+        for way, speed in zip(ways[phases], (0 * ways if rates is None else rates(a))[phases], strict=True):
             there = forces(moving(displaced(state, free, way / root), free, speed / root), law)[1]
             opened, slides = closed & (there.mode[:count] == OPEN), there.mode[:count] == SLIDE
             reversed_ = stuck & ((there.slip[:count] * first.slip).sum(axis=1) < 0)
-            out |= np.stack([stuck & (opened | slides), opened, apart & (there.mode[:count] != OPEN), reversed_])
-        return out
+            out.append([stuck & (opened | slides), opened, apart & (there.mode[:count] != OPEN), reversed_])
+        return np.array(out)
 
     changes, low, high = [(np.inf, -1)] * 4, 0.0, start
     while not np.isfinite([changes[0][0], changes[1][0]]).all() and (now := changes_at(high)) is not None:
         for kind in range(4):
-            if changes[kind][1] < 0 and now[kind].any():
-                changes[kind] = _bisect(lambda a, kind=kind: changes_at(a)[kind], low, high, now[kind])
+            if changes[kind][1] < 0 and now[:, kind].any():
+                lost = lambda a, phases, kind=kind: changes_at(a, phases)[:, kind]  # noqa: E731
+                changes[kind] = _bisect(lost, low, high, now[:, kind])
         low, high = high, LADDER * high
     return [(a, (int(contacts.i[c]), int(contacts.j[c])) if c >= 0 else (-1, -1)) for a, c in changes]
 
 
 def _bisect(lost, low: float, high: float, rows) -> tuple[float, int]:
-    """Smallest amplitude between two at which a contact is lost, and that contact; `rows` are lost at the upper one."""
+    """Smallest amplitude between two at which a contact is lost, and that contact.
+
+    `rows` (P, C) are lost at the upper amplitude; phases without a loss there are not examined below it.
+    """
+    phases = np.arange(len(rows))
     while high - low > ROOT * high:
+        phases, rows = phases[rows.any(axis=1)], rows[rows.any(axis=1)]
         middle = 0.5 * (low + high)
-        now = lost(middle)
+        now = lost(middle, phases)
         if now.any():
             high, rows = middle, now
         else:
             low = middle
-    return high, int(np.argmax(rows))
+    return high, int(np.argmax(rows.any(axis=0)))
 
 
 def ellipse(plane: Plane):
