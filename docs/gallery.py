@@ -328,7 +328,7 @@ def write_page() -> None:
         "drawn by the code below it, after `import stickslip as ss` and the code at the head of its section. Click on",
         "a picture to enlarge it. Colours are those of Okabe and Ito and of viridis; a column is 86 mm wide.",
         "`python docs/gallery.py` draws all of them; `stickslip run EXAMPLE --out FOLDER` writes the figures of",
-        "one example. Movies and pages in three dimensions: [look.md](look.md).", "",
+        "one example. For movies and three-dimensional pages, see [look.md](look.md).", "",
     ]  # fmt: skip
     for name, section in SECTIONS.items():
         text += [f"## {section.heading}", "", "```python", section.start.strip(), "```", ""]
