@@ -89,8 +89,8 @@ def simulate_fault(
 ) -> FaultHistory:
     """Simulate earthquakes and aseismic slip.
 
-    Equations (1)–(12) of the SEAS benchmark problem BP1-QD (Erickson et al. 2020, doi:10.1785/0220190248), with any
-    properties along the fault.
+    The equations are (1)–(12) of the SEAS benchmark problem BP1-QD (Erickson et al. 2020, doi:10.1785/0220190248), with
+    arbitrary properties along the fault.
 
     Parameters
     ----------

@@ -223,7 +223,7 @@ def check(rs: RateState) -> None:
     if not np.isfinite(rs.mu0):
         raise ValueError(f"mu0 must be finite, got {rs.mu0}")
     if rs.alpha > 0 and rs.b + rs.b2 == 0:
-        raise ValueError(f"alpha = {rs.alpha} requires b > 0, as normal stress acts on the state")
+        raise ValueError(f"alpha = {rs.alpha} requires b > 0, because normal stress acts on the state")
 
 
 @checked

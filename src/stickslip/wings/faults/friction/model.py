@@ -181,8 +181,8 @@ def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, n
     """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, of an order selected by BIC, and the head of the whitening filter.
 
     The Yule–Walker equations are solved by Levinson's recursion on the autocovariance. Noise absorbed by a fit is
-    added: residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so
-    noise appears less correlated than it is.
+    added: residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so they
+    are less correlated than the noise.
 
     Parameters
     ----------

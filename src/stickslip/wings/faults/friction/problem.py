@@ -79,7 +79,7 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
 
 
 def without_intervals(estimates: Estimates, reason: str) -> Estimates:
-    """Return the same values without errors and intervals, for unknown noise."""
+    """Return the same values without errors and intervals, for use if the noise is unknown."""
     nothing = dict.fromkeys(estimates.errors, np.nan)
     sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence.partition(':')[0]}"
     return estimates._replace(
@@ -401,7 +401,7 @@ def with_states_in_order(task: Task, x) -> np.ndarray:
 
 
 def find_open_sides(task: Task, x, filters, worst: float, half) -> dict:
-    """Find unbounded sides of wide intervals, where distant values fit equally well after refitting other parameters.
+    """Find unbounded sides of wide intervals, where distant values fit equally well after refitting the others.
 
     Intervals derived from derivatives at the best point miss these: as k → ∞, for example, the derivatives vanish while
     the sum of squares stays finite.

@@ -59,7 +59,7 @@ class RecordFits(NamedTuple):
     fits: tuple[Fit, ...]
     comparison: LawComparison | None
     posterior: Posterior | None = None
-    remedies: tuple[str, ...] = ()  # possible faults of the input, tested by second fits
+    remedies: tuple[str, ...] = ()  # possible faults in the input, tested by second fits
     met: dict[str, list[str]] | None = None  # columns of the record: used, without effect, unknown
 
 
@@ -105,7 +105,7 @@ def fit_record(
 
 
 def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Report = silent) -> tuple[str, ...]:
-    """Sentences on faults of the input (missing trend, wrong stiffness) for laws that the data do not reject."""
+    """Sentences on faults in the input (missing trend, wrong stiffness) for laws that the data do not reject."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
     solutions = [
         solution._replace(task=solution.task._replace(report=within(tell, stage=f"doubts about the {law} law")))
@@ -131,7 +131,7 @@ def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Rep
             )
             out.append(
                 f"{solution.task.law} law: the record does not start in steady state, but with {state.values[0]:.3g} "
-                f"times its state; this changes {shifts}: use --free theta, or remove the start"
+                f"times the steady θ; this changes {shifts}: use --free theta, or remove the start"
             )
     return tuple(out)
 
