@@ -139,7 +139,7 @@ LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # pattern of a line of t
 def run_in_lammps(
     state: State, law: Law, steps: int, dt: float, *, drag: float = 0.0, samples: int = 1, ranks: int = 1
 ) -> tuple[State, ...]:
-    """Run a state with its contact memory in LAMMPS; return states with theirs, the last of which is the end.
+    """Run a state with its contact memory in LAMMPS; return states with theirs, the last at the end of the run.
 
     Walls may be fixed or driven, and rigid groups held, driven, loaded or pulled by springs. Cells may be periodic,
     sheared, or have lengths that follow a stress. LAMMPS integrates slip as `run` does with ``slip_update="rate"``; it
@@ -152,9 +152,9 @@ def run_in_lammps(
     samples : int, number of states, evenly spaced in time
     ranks : int, number of MPI processes
 
-        Raises
-        ------
-        ScenarioError
+    Raises
+    ------
+    ScenarioError
         if LAMMPS cannot run these conditions exactly, or if there are fewer cores than ranks
     MissingExtraError
         if LAMMPS, its package GRANULAR or mpirun is missing
@@ -184,9 +184,9 @@ def lammps_engine(ranks: int = 1) -> Engine:
     ----------
     ranks : int, number of MPI processes
 
-        Raises
-        ------
-        MissingExtraError
+    Raises
+    ------
+    MissingExtraError
         if LAMMPS, its package GRANULAR or mpirun is missing
     ScenarioError
         if there are fewer cores than ranks

@@ -2,8 +2,8 @@
 
 A cell may also follow a stress. LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. It
 moves grains with their laboratory velocities u = v + L x at mid-step, where v are the velocities used here. The effect
-of the cell on the grains is therefore applied as a force of `fix addforce`. It takes u of one step to that of the next
-(⁺), through v at the end of the step:
+of the cell on the grains is therefore applied as a force of `fix addforce`. This force takes u of one step to u⁺ of the
+next, through v at the end of the step:
 
     v = σ (T ((1 + ½ dt L) u − L x) + ½ dt F/m),    u⁺ = K⁺ (T⁺ (κ v + ½ dt F/m) + L⁺ x),
 
@@ -320,7 +320,7 @@ def check_law(law: Law, state: State) -> None:
             f"hertz_mindlin_reff, {STAY}"
         )
     if builtin.rescales(law) and len(state.walls.mass):
-        raise ScenarioError(f"LAMMPS has other torques at walls under a rescaled law: {STAY[3:]}")
+        raise ScenarioError(f"LAMMPS computes different torques at walls under a rescaled law: {STAY[3:]}")
 
 
 def name_with_radius(law: Law) -> str:

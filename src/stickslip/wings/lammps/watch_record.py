@@ -273,7 +273,7 @@ def _words(row: Row) -> list[str]:
 
 @contextmanager
 def screen() -> "Iterator[_Live | _Lines]":
-    """Context manager for display of progress: `show(done)`, and `report` for one frame."""
+    """Context manager for the display of progress: `show(done)`, and `report` for one frame."""
     if terminal.can_redraw() and console.width >= NARROW:
         with Live(console=console, refresh_per_second=4) as live:
             yield _Live(live)
