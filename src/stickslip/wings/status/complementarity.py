@@ -317,8 +317,8 @@ def _batched_matvec(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 def enumerate_solutions(problem: Complementarity, again: Callable | None = None) -> AllSolutions:
     """Find all solutions and rays, for at most 14 critical contacts.
 
-    Of several statuses with the same rates, for which a contact is on a boundary, only one is returned, preferably one
-    with det A_SS > 0.
+    If a contact is on a boundary, several statuses have the same rates; only one is returned, preferably one with
+    det A_SS > 0.
 
     Parameters
     ----------

@@ -52,8 +52,8 @@ from .uniqueness import (
 )
 
 ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
-ALIKE = 1e-6  # share of the largest rate up to which two statuses have the same rates
-SAME = 1e-7  # share of the largest force rate up to which forces of two statuses are the same: half the digits
+ALIKE = 1e-6  # largest difference, over the largest rate, between rates that count as the same
+SAME = 1e-7  # likewise for force rates of two statuses, over the largest force rate: half the digits
 
 
 class Verdict(Enum):

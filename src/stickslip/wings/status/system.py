@@ -11,8 +11,8 @@ from ...modes import residual_vector
 from ...results import ContactLoads, Freedom
 from .matrices import LinearSystem, linear_system, stiffness_matrix
 
-# changed contacts up to which a factor is corrected and beyond which it is recomputed; at 3000 disks 48 cost the same,
-# but the result of a correction is verified with a new factor
+# changed contacts up to which a factor is corrected and beyond which it is recomputed; for 3000 disks, both cost
+# the same at 48, but the result of a correction is verified with a new factor
 FEW = 24
 RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
 NEUTRAL = 1e-9  # stiffness below which a cluster rolls without resistance, over that of contacts
@@ -29,8 +29,8 @@ class StatusSolver:
     """Velocities of a packing under one load rate, for any status of its critical contacts.
 
     Coordinates are in a fill-reducing order, which is computed once. The coordinates in `held` are fixed, in addition
-    to one for each free translation of the whole packing. Where rigid bonds forbid motions, B v = 0, as many
-    coordinates as B has rank follow the others, v = N z, and the equations are those of z: Nᵀ k(S) N z = Nᵀ b.
+    to one for each free translation of the whole packing. Where rigid bonds forbid motions, B v = 0, the
+    others determine as many coordinates as B has rank, v = N z, and the equations are those of z: Nᵀ k(S) N z = Nᵀ b.
     """
 
     def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
@@ -194,7 +194,7 @@ def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
     """(K, n) motions u of unit length of spheres, and of clusters, that may roll about the line through two contacts.
 
     The contacts do not move, so uᵀk(S) is the same for all statuses. It vanishes if nothing else acts on the
-    sphere, since both forces then are along this line.
+    sphere, because both forces then act along this line.
     """
     moves = []
     for own in _coordinates_of_bridges(matrix):

@@ -57,7 +57,7 @@ class Uniqueness(NamedTuple):
 
 @checked
 def certificate(problem: Complementarity) -> Uniqueness:
-    """Test if the status is unique for every load, by the fastest criterion that holds beyond round-off.
+    """Test whether the status is unique for every load, by the fastest criterion that holds beyond round-off.
 
     A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal.
     Otherwise, for up to 14 contacts, all principal minors are computed. For more contacts, the minors of one, two and
