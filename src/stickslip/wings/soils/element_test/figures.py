@@ -26,7 +26,7 @@ from .measures import SERIES, STRESS
 HELD = 0.05  # relative range of p below which its axis does not zoom in on servo noise about a constant p
 MARKS = 40  # approximate number of points marked in a laboratory test
 FEW = 6  # largest number of samples distinguished by colour
-DASH, MARGIN = 4.0, 0.05  # dashes of lines over their width; part of an axis
+DASH, MARGIN = 4.0, 0.05  # length of dashes over the line width; margin as a fraction of an axis
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
 _Circles = Annotated[Any, Result("Circles", ("sigma1", "sigma3", "envelope"))]
@@ -118,7 +118,7 @@ def _show_numbers(axes) -> None:
 
 @styled
 def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
-    """Void ratio against a stress, on a logarithmic axis unless it changes by less than a factor of 3.
+    """Void ratio against a stress, on a logarithmic axis unless the stress changes by less than a factor of 3.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
 def critical_state(ends: list[_Ends], unit: str):
     """Path ends of a sweep in the p–q and p–e planes, with critical-state lines.
 
-    Unsteady states are open marks. Members that differ only in pressure have the same colour.
+    Unsteady states are shown as open marks. Members that differ only in pressure have the same colour.
     """
     figure, (left, right) = subplots(1, 2, figsize=(PAGE, 2.6))
     for color, each in zip(COLORS, ends, strict=False):
@@ -288,7 +288,7 @@ def failure_directions(
     ----------
     probes : probed states with envelopes
     table : series of the sample
-    strain : name of the column of the imposed strain, and its sign of compression
+    strain : name of the column of the imposed strain, and the sign of that strain in compression
     first : strain at which each sign of failure first appears
     names : names of the components along the two axes of the strain plane
     """

@@ -46,7 +46,7 @@ def pore_pressure(series: ElementSeries, dim: int, fluid: float | None = None) -
     """Excess pore pressure of an undrained test (T,) [force/length^(dim-1)].
 
     The grains carry the effective stress. At constant total lateral stress, an incompressible fluid takes up the loss
-    of effective lateral stress since the start. A fluid with the bulk modulus `fluid` has the pressure of
+    of effective lateral stress since the start. A fluid with the bulk modulus `fluid` has the pressure given by
     `fluid_pressure`.
     """
     if fluid:
@@ -56,7 +56,7 @@ def pore_pressure(series: ElementSeries, dim: int, fluid: float | None = None) -
 
 
 def invariants(stress: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean stress p and deviatoric stress q of stresses (T, 3, 3); q is negative in extension, and if −σ_xy is."""
+    """Mean stress p and deviatoric stress q of stresses (T, 3, 3); q is negative in extension, and where −σ_xy is."""
     part = 0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim]
     p = np.trace(part, axis1=1, axis2=2) / dim
     deviator = part - p[:, None, None] * np.eye(dim)
@@ -606,7 +606,7 @@ PROBE = Quantities([
     Quantity("strain", "1", "imposed strain"),
     Quantity("phi", "degrees", "mobilised angle of friction"),
     Quantity("least_work", "1", "smallest normalised second-order work"),
-    Quantity("direction", "degrees", "direction of that strain", lambda p: float(np.degrees(p.state.weakest))),
+    Quantity("direction", "degrees", "strain direction of smallest work", lambda p: float(np.degrees(p.state.weakest))),
     Quantity("determinant", "1", "smallest determinant of an acoustic tensor, normalised",
              lambda p: p.state.band.determinant if p.state.band else NAN),
     *(_growth(kind, words, k, held) for kind, words in (("pair", "oscillation"), ("divergence", "other motion"))
