@@ -518,7 +518,7 @@ def show(result: CatalogueResult) -> None:
     values = MEASURES(result)
     console.print(
         f"{pluralize(result.number, 'event')} in {pluralize(len(result.samples), 'packing')}, "
-        f"{values['events_per_strain'][0]:.3g} for each unit of strain; drag {result.scenario.shear.drag:g} of the "
+        f"{values['events_per_strain'][0]:.3g} per unit strain; drag {result.scenario.shear.drag:g} of the "
         f"highest frequency."
     )
     table = new_table("class", "number", title="Events", left=("class",))
