@@ -193,10 +193,10 @@ class Response(NamedTuple):
 def response(result: GougeResult) -> Response | None:
     """Fit the direct effect and the radiation impedance to peaks after velocity steps of different sizes.
 
-    The peak Δμ after a step from V1 to V2 is the largest change of the smoothed mean curve in the step's direction. It
-    is fitted by a ln(V2/V1) + η (V2 − V1) with least squares. The second term is due to waves radiated by plate and
-    layer; their resistance is proportional to the change in velocity, not to that of its logarithm. Returns None unless
-    there are steps with different ratios of ln(V2/V1) to V2 − V1.
+    The peak Δμ after a step from V1 to V2 is the largest change of the smoothed mean curve in the step's direction. The
+    sum a ln(V2/V1) + η (V2 − V1) is fitted to the peaks by least squares. The second term is due to waves radiated by
+    plate and layer; their resistance is proportional to the change in velocity, not to that of its logarithm. Returns
+    None unless there are steps with different ratios of ln(V2/V1) to V2 − V1.
     """
     curves = {pair: step_curve(result, *pair, twin=False) for pair in steps(result)}
     pairs = list(curves)

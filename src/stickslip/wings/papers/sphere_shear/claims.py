@@ -384,7 +384,7 @@ def isotropy_statistic(state: State) -> float:
 
 
 DECADES = 10.0  # decades of M over which the paper finds exponential growth
-MISFIT = np.log10(2.0)  # decades by which M may deviate from the predicted line, as oscillation alone makes it do
+MISFIT = np.log10(2.0)  # decades by which M may deviate from the predicted line, due to oscillation alone
 LEAST_DURATION = (
     "to be read with care, as the minimum duration of a run was set after runs of only 45 growth times had ended at a "
     "median of 0.13 while the stress was still falling"
