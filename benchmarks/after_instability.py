@@ -58,7 +58,7 @@ def growing(found) -> np.ndarray:
 
 
 def dominated(state, law) -> float:
-    """Ratio of the growth rate of the fastest pair to the next growth rate; zero if the fastest motion is no pair."""
+    """Ratio of the growth rate of the fastest pair to the next one; zero if the fastest motion is not a pair."""
     found = ss.stability(state, law)
     rates = growing(found)
     if not len(found.pairs) or found.growth_rate[0] < rates[0] or not found.pairs[0].real > 0:
@@ -74,7 +74,7 @@ def chosen(states: list, law, rng):
 
 
 def sheared_packings(dim: int, sizes, rng):
-    """Yield states of sheared packings dominated by one pair, at most one per packing; None for a packing without."""
+    """Yield states of sheared packings dominated by one pair, at most one per packing; or None."""
     while True:
         n, mu = int(rng.integers(*sizes)), float(10 ** rng.uniform(np.log10(0.3), 1))
         law = ss.laws.hertz_mindlin(mu=mu, coulomb="smooth")
@@ -244,7 +244,7 @@ KINDS = {
 
 
 def rows(*words: str, smallest: bool = False):
-    """Compare this many states of each kind: one line per state, and fractions of correct predictions."""
+    """Compare a number of states of each kind: one line per state, and fractions of correct predictions."""
     each = 1 if smallest else next((int(word) for word in words if word.isdigit()), 24)
     wanted = ["arrays"] if smallest else [word for word in words if not word.isdigit()] or list(KINDS)
     found_rows, without = {}, Counter()

@@ -7,7 +7,7 @@ and slow shear (Peyneau and Roux 2008, doi:10.1103/PhysRevE.78.011307, abstract;
 tests shear samples at constant σ_yy at several inertial numbers I. tan φ = |σ_xy|/σ_yy is averaged over γ > 0.15 and
 extrapolated by tan φ = A + B I^n with n = 0.4; n = 0.3 and 0.5 show the influence of that assumption. The tolerance,
 chosen before the first run, is 10 % of the published value, or twice the combined error if that is larger. The table is
-for docs/element_tests.md. It takes about fifteen minutes.
+for docs/element_tests.md. The benchmark takes about fifteen minutes.
 """
 
 from pathlib import Path

@@ -43,7 +43,7 @@ console = Console()
 
 @cache
 def _code(path: Path, _modified: int) -> str:
-    """Text of a source file without comments and spaces; of Python also without docstrings, messages, local names."""
+    """Text of a source file without comments and spaces; for Python also without docstrings, messages, local names."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
         return _plain(_WithoutWords().visit(ast.parse(text)))
