@@ -7,7 +7,7 @@ documentation have 24 arrays, mixed arrays and disks, and 20 spheres.
 
 Packings of disks and spheres are jammed without friction and sheared quasi-statically with smooth friction. Arrays of
 disks on a substrate are pushed: equal disks that overlap at first, and mixed disks, some with gaps between them. States
-are kept if one complex pair dominates: nothing else grows at half its rate or faster. Half of them are the states
+are kept if one complex pair dominates: no other motion grows at half its rate or faster. Half of them are the states
 nearest to a birth in their packing. Each state is run twice without damping: from the growing mode at a small fraction
 of the predicted amplitude, and from random velocities. The first contact that opens or reaches the Coulomb limit is
 compared with the predicted contact; contacts that close earlier are compared with the prediction of such closings.

@@ -1,4 +1,4 @@
-"""Explanations of the speed of the backward front of a pushed disk array: the table of `docs/disk_array.md`.
+"""Explanations for the speed of the backward front in a pushed disk array: the table of `docs/disk_array.md`.
 
 python -m benchmarks backward_front     # about ten minutes; writes front.csv and the table
 """

@@ -22,7 +22,7 @@ from .records import number
 PUBLISHED = Path(__file__).parents[1] / "docs" / "reference" / "element_tests" / "frictionless_shear.csv"
 RATES, POWERS = (1e-3, 3e-4, 1e-4), (0.4, 0.3, 0.5)  # inertial numbers; powers n, the first of which is assumed
 STRAIN, STEADY = 0.4, 0.15  # shear strain, and strain from which averages are computed
-BLOCKS = 5  # number of parts of the steady series whose scatter gives the error of a single sample
+BLOCKS = 5  # number of parts of a steady series; their scatter gives the error of a single sample
 
 
 def tangent(grains: int, samples: int, inertial_number: float, strain: float = STRAIN) -> tuple[float, float]:

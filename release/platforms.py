@@ -41,7 +41,7 @@ def exported(python: Path, libraries: list[Path]) -> dict[Path, set[str]]:
 
 
 def main() -> None:
-    """Build the libraries of all platforms, and print what they lack or have in addition."""
+    """Build the libraries of all platforms, and print the functions that they lack or have in addition."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         python = tools(folder / "tools") / "python"

@@ -92,7 +92,7 @@ def oldest() -> list[str]:
 
 
 def urls(address: str) -> dict[str, str]:
-    """Addresses that follow from that of the repository, as `[project.urls]` names them.
+    """Addresses that follow from the address of the repository, by their names in `[project.urls]`.
 
     Binder and Colab open the notebook for a lecture hour; Colab only from GitHub.
     """

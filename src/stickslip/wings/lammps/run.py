@@ -125,7 +125,7 @@ def error_line(run: subprocess.CompletedProcess) -> str:
 
 
 def last_error(*texts: str) -> str:
-    """Return the last error line, or else the last line; empty without any."""
+    """Return the last error line, or else the last line; empty if there is none."""
     lines = [line.strip() for text in texts for line in text.splitlines() if line.strip()]
     wrong = [line for line in lines if "ERROR" in line or "Error" in line or "Exception" in line]
     return (wrong or lines or [""])[-1][:SHOWN]

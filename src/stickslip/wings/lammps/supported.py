@@ -63,7 +63,7 @@ def is_held(state: State, members: np.ndarray) -> bool:
 
 
 def leg_course(leg: Leg, column: int, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Knots of a varying velocity, with both ends of the leg: times from the start of the leg, and values."""
+    """Knots of a varying velocity, including both ends of the leg: times since the start of the leg, and values."""
     control, begin, end = leg.state.control, leg.state.time, leg.state.time + elapsed
     times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
     return times, np.interp(times, control.knots, control.course[:, column])

@@ -219,7 +219,7 @@ def write_rows(path: Path, rows: dict[int, Row], how: dict) -> None:
 
 
 def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Row]:
-    """Rows of an earlier watch, except those that could not be computed; empty without a table.
+    """Rows of an earlier watch, except those that could not be computed; empty if there is no table.
 
     Raises
     ------

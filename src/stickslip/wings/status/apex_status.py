@@ -206,7 +206,7 @@ def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
 
 
 def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
-    """Combinations that release all bodies except those that others would drag along; there may be more."""
+    """Combinations that release all bodies except those that others would drag along; others may exist."""
     while True:
         good, caught, _ = _choices_with_released(search, released)
         if good or not len(released):
@@ -267,7 +267,7 @@ def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], boo
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
     """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies.
 
-    Grains that beams join have the row of the first of them, empty unless all are free to rotate.
+    Grains that beams join share the row of the first of them, which is empty unless all are free to rotate.
     """
     body, c = matrix.free.body, matrix.c.tocoo()
     out = np.zeros((int(body.max(initial=-1)) + 1, matrix.count), bool)
@@ -317,7 +317,7 @@ def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
 
 
 def _owners(matrix: LinearSystem) -> np.ndarray:
-    """(n,) body of each coordinate, the first of those that beams join to it."""
+    """(n,) body of each coordinate; for bodies that beams join, the first of them."""
     body = matrix.free.body
     return body if matrix.unit is None else np.append(matrix.unit, len(matrix.unit))[body]
 

@@ -38,7 +38,7 @@ BLOCK, SAMPLE = 5000, 25  # steps between checks of the packing, and between sam
 DURATION, TRAVEL = 1e5, 5.0  # default limits of time, in natural units, and of displacement, in mean diameters
 RESTING = (1e-6, 1e-8)  # residuals over the mean normal force at which Newton's method is tried
 BALANCED = 5e-11  # tolerance of Newton's method, over the mean normal force
-ROUND_OFF = 1e-15  # round-off of a stiff spring's force, over its force at an elongation of the size of the packing
+ROUND_OFF = 1e-15  # round-off of a stiff spring's force, over its force at an elongation as long as the packing
 FAR = 1e3  # largest motion due to Newton's method, over the overlap that changes a force by the residual
 NULL = 1e-9  # fraction of the largest stiffness below which an eigenvalue belongs to an unresisted motion
 RANK = 1e-8  # singular value below which modes are parallel
@@ -57,7 +57,7 @@ class Collapse(NamedTuple):
     load: float  # load at which the path ended, in legs
     reason: str  # reason for the end of the path
     held: float  # load during the motion, slightly higher, in legs
-    quiet: bool  # True if the motion is no larger than earlier for such a load change: there was no collapse
+    quiet: bool  # True if the motion is no larger than before such a change of load, so there was no collapse
     rests: bool  # True if an equilibrium was found; otherwise numbers describe the state where dynamics ended
     duration: float  # [time]
     steps: int  # number of steps of dynamics

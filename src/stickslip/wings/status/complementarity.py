@@ -37,7 +37,7 @@ class Complementarity(NamedTuple):
 
     matrix: np.ndarray  # (Mc, Mc) A
     vector: np.ndarray  # (Mc,) q
-    matrix_error: float = 0.0  # error of entries of A beyond their round-off, such as that of solving with k₀
+    matrix_error: float = 0.0  # error of entries of A beyond their round-off, such as the error of solving with k₀
     vector_error: float = 0.0  # likewise for q
 
 
@@ -226,7 +226,7 @@ def lemke(problem: Complementarity) -> np.ndarray | None:
 
 MAPPED = 14  # largest number of contacts for enumeration of all statuses (16,384)
 AT_ONCE = 2048  # statuses solved together; more would not fit into the cache
-SURE = 0.1  # largest error of the entries of A_SS over that which would make it singular
+SURE = 0.1  # largest error of the entries of A_SS over the error that would make A_SS singular
 SAME = 1e-6  # fraction of the largest rate within which two solutions are equal: half of the digits
 BLUR = 10.0  # factor on the error bounds for null vectors and quantities derived from them
 
@@ -363,7 +363,7 @@ def _solution_in_units(problem: ScaledProblem, end: Solution) -> Solution:
 
 
 class SolutionFace(NamedTuple):
-    """Quantities at + turn t ≥ 0 on the null space of a singular status: λ of sliding contacts, w of the others."""
+    """Quantities `at` + `turn` t ≥ 0 on the null space of a singular status: λ of sliding contacts, w of others."""
 
     slides: np.ndarray  # (Mc,) bool
     at: np.ndarray  # (Mc,)

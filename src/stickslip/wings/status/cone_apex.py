@@ -146,7 +146,7 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
 
 
 def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
-    """Assign every contact the status of its cell until convergence; None without convergence."""
+    """Assign every contact the status of its cell until convergence; None if it is not reached."""
     seen = set()
     for _ in range(ROUNDS):
         if now.tobytes() in seen:

@@ -346,7 +346,7 @@ def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarr
             )
         loose[:n] = rattlers
     elif not rattlers:
-        modes = state.contacts.mode.copy()  # some have parted, such as those of rattlers that a path moved aside
+        modes = state.contacts.mode.copy()  # some contacts have parted, such as those of rattlers moved aside by a path
         modes[parted] = OPEN
         loose[:n] = loose_grains(state._replace(contacts=state.contacts._replace(mode=modes)))
     return loose
@@ -396,7 +396,7 @@ def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: Li
 
 
 def _geometric_stiffness_in_plane(state: State, line: Linearisation, matrix: LinearSystem):
-    """(n, n) the same in two dimensions: (F_n t − F_t n)(t·dr)/|r|.
+    """(n, n) geometric stiffness in two dimensions: (F_n t − F_t n)(t·dr)/|r|.
 
     This form avoids the round-off of a difference, which could decide at a fork which path is taken.
     """
@@ -460,7 +460,7 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
 def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
     """(n, n) sparse c Γ cᵀ, the derivative of −f with respect to velocities; equal to −C for these statuses.
 
-    A sliding contact has no dashpot along t; its tangential force follows the normal one, dashpot included, by μ.
+    A sliding contact has no dashpot along t; its tangential force is μ times the normal force, dashpot included.
     """
     sliding = _status_of_all(matrix, sliding)
     damping = np.einsum("ma,ab->mab", matrix.damping[:, [0, 1, 1][: matrix.width]], np.eye(matrix.width))

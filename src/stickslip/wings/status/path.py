@@ -353,7 +353,7 @@ def _break_events(load: float, broken: np.ndarray) -> list[Event]:
 def _break_weakest(place: PathState, law: Law, control: Control, load: float, way: _PathRecord) -> PathState:
     """State without the weakest bond, under a control to which forces are added that replace the loads of the bond.
 
-    Grains that it alone supported are rattlers from then on, and forces replace those of their contacts.
+    Grains supported by it alone are rattlers from then on, and forces replace those of their contacts.
     """
     before, strength = place.state, place.state.bonds.strength
     held = without_bonds_of(before, place.loose).bonds.intact

@@ -111,7 +111,7 @@ class ContactStatus(NamedTuple):
     sliding: np.ndarray  # (M,) bool
     critical: np.ndarray  # (Mc,) numbers of the contacts that may slide
     velocity: np.ndarray  # (n,) dq/d(load)
-    rate: np.ndarray  # (Mc,) Ṽ: slip rate of sliding contacts; others move away from the cone if it is negative
+    rate: np.ndarray  # (Mc,) Ṽ: slip rate of sliding contacts; the others move away from the cone if Ṽ is negative
     method: str  # "flip all", "principal pivoting", "Lemke" or "enumeration"
     solves: int  # factorisations and pivots
     stable: bool | None = None  # det k(S) has the sign of det k₀; None if it is zero to round-off, or not computed

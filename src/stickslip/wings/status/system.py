@@ -20,7 +20,7 @@ ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition
 RELAXATIONS = 20  # largest number of Newton steps of bonded rattlers
 RELAXED = 1e-10  # unbalanced force of bonded rattlers over stiffness and radius; cutoff of rigid motions
 AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
-RANK = 1e-10  # share of the largest pivot of the rates that bonds forbid, below which one of them is redundant
+RANK = 1e-10  # share of the largest pivot below which a rate that bonds forbid is redundant
 CHECKED_UP_TO = 2500  # coordinates up to which the stability of a state is checked
 AT_ONCE = 16  # right-hand sides per call; more do not fit into the cache
 

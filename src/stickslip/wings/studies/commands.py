@@ -94,7 +94,7 @@ def shear(
             "limit": limit, "drag": drag,
         },
     )  # fmt: skip
-    trust_law_files(chosen.model_dump())  # the user typed its name
+    trust_law_files(chosen.model_dump())  # the user typed the name of the file
     packed = read_input(chosen)
     chosen = chosen.model_copy(update={"packing": chosen.packing.model_copy(update={"digest": digest_of(packed)})})
     run_scenario(

@@ -302,7 +302,7 @@ def compare(members: list[SweepMember]) -> Comparison:
 
 
 def _cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
-    """Return slip since an event at the station with the largest coseismic slip; None without a cycle."""
+    """Return slip since an event at the station with the largest coseismic slip; None if there is no cycle."""
     series = tree["series"]
     time, slip = series["time"], series["slip"]
     uneven = np.std(slip - np.outer(time / time[-1], slip[-1]), axis=0)

@@ -86,7 +86,7 @@ class Fault(NamedTuple):
 
     @property
     def cuts(self) -> tuple[float, float]:
-        """Ratios of the reference velocity to the cut-off velocities; 0 without a cut-off."""
+        """Ratios of the reference velocity to the cut-off velocities; 0 if there is no cut-off."""
         return self.v0 / self.v1, self.v0 / self.v2
 
     @property
@@ -361,7 +361,7 @@ def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: f
 def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal: float) -> float:
     """Half-length of the nucleation zone of the aging law; infinite if a ≥ b.
 
-    For a/b < 0.3781 it is 1.3774 L_b, and zones keep this length while they accelerate. Otherwise it is the length
+    For a/b < 0.3781, it is 1.3774 L_b, and zones keep this length while they accelerate. Otherwise it is the length
     L_b/[π (1 − a/b)²] towards which they grow, if that is larger (Rubin and Ampuero 2005, doi:10.1029/2005JB003686,
     equations 13 and 31). With the slip law, zones become shorter as they accelerate (Ampuero and Rubin 2008,
     doi:10.1029/2007JB005082). With cut-off velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the slip

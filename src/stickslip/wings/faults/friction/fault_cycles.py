@@ -1,7 +1,7 @@
 """Simulation of sequences of earthquakes and aseismic slip on a straight fault, and its history as a dataset.
 
 The time step is controlled by the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
-`python -m benchmarks fault` compares it with the solvers of SciPy at equal error.
+`python -m benchmarks fault` compares this method with the solvers of SciPy at equal error.
 """
 
 from typing import TYPE_CHECKING, NamedTuple

@@ -217,7 +217,7 @@ def solve_fit(
         x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
     rest = filtered_residual(task, x, filters)
-    # the noise between samples, or that of the bulk of the residuals if it is larger
+    # the larger of the noise between samples and that of the bulk of the residuals
     level = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
     reduced = float(np.sqrt(np.mean(rest**2))) / max(level, TINY)
     if reduced > MOST_REDUCED:

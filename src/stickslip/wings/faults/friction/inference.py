@@ -257,7 +257,7 @@ class Gain(NamedTuple):
 
     values: tuple[float, ...]  # values of the parameter, one per record
     shifts: dict[str, float]  # change of each other parameter, relative for positive parameters
-    before: float  # root mean square of the residuals without the parameter, and below with it
+    before: float  # root mean square of the residuals without the parameter; `after` is that with it
     after: float
     helps: bool  # True if the residuals fall noticeably and by more than noise explains
 

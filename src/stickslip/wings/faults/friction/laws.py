@@ -406,7 +406,7 @@ class Sliding(NamedTuple):
     """Stability of steady sliding at one velocity against small disturbances."""
 
     stable: bool
-    critical: float  # stiffness below which it is unstable; not positive if it is always stable [1/length]
+    critical: float  # stiffness below which sliding is unstable; not positive if it is always stable [1/length]
     eigenvalues: np.ndarray  # (2,) complex, (3,) with two states; a disturbance is a sum of terms e^{λt} [1/time]
     growth_rate: float  # largest real part; negative if disturbances decay [1/time]
     frequency: float  # angular, 0 without oscillation [1/time]

@@ -328,7 +328,8 @@ def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
 def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
     """Times of change at which the lines fitted to neighbouring pieces meet.
 
-    They have the same limiting distribution as those of the best continuous curve (Feder, doi:10.1214/aos/1176342999).
+    They have the same limiting distribution as the times for the best continuous curve (Feder,
+    doi:10.1214/aos/1176342999).
     """
     for _ in range(ROUNDS if len(changes) else 0):
         edges = np.array([time[0], *changes, time[-1]])

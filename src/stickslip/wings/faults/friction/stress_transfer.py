@@ -18,7 +18,7 @@ Elasticity, 1953),
 where * denotes the conjugate. The first term is that of an infinite body; the others remove the tractions at the
 surface. The solution is due to A. K. Head, Proc. Phys. Soc. B 66, 793 (1953); P. Segall (2010), chapter 3, gives it for
 faults. The contribution of the surface depends on ξ of the stressed cell and ξ' of the slipping one, and is smooth in ξ
-except at ξ = ξ' = 0. Between ξ and 2ξ it is a polynomial in ξ to within round-off.
+except at ξ = ξ' = 0. Between ξ and 2ξ, it is a polynomial in ξ to within round-off.
 
 Imposed changes of normal stress (injected fluid, an oscillation, a table) have a method `change(depth, time)`, whose
 value is added to the normal stress of the fault, and times `breaks`, at which the change is extreme or not smooth, and
@@ -222,7 +222,7 @@ def _image(number: int, cell: float, modulus: float, dip: float) -> tuple[sparse
     """Interpolation from R nodes to the cells (N, R), and shear and normal stress at the nodes due to slip (2R, N).
 
     This is the stress that the surface adds, minus the stress of slip mirrored in the surface, both for uniform slip in
-    cells. Between ξ and 2ξ the nodes are Chebyshev nodes; near the surface they are the cells.
+    cells. Between ξ and 2ξ, nodes are Chebyshev nodes; near the surface they are the cells.
     """
     t, places, order = np.exp(1j * np.radians(dip)), np.arange(number) + 0.5, _order(dip)
     nodes, blocks, high = [], [], number

@@ -248,7 +248,7 @@ def show(result: RecordFits) -> None:
 
 
 def _trade_offs(fit: Fit) -> str:
-    """Sentence on parameters correlated with a fitted stiffness; empty without one."""
+    """Sentence on parameters correlated with a fitted stiffness; empty if there are none."""
     if "stiffness" not in fit.names or not np.isfinite(fit.values["stiffness"]):
         return ""
     size = np.sqrt(np.diag(fit.covariance))
@@ -308,5 +308,5 @@ def write(out: Path, result: RecordFits, look: Look = PLAIN) -> list[Path]:
             (out / name).unlink(missing_ok=True)  # files of an earlier fit
     for name, data in contents.items():
         write_file(out, name, data)
-    write_file(out, NUMBERS, f"{as_json(result)}\n".encode())  # last, as it marks the fit as complete
+    write_file(out, NUMBERS, f"{as_json(result)}\n".encode())  # written last, because it marks the fit as complete
     return [out / name for name in (NUMBERS, *contents)]

@@ -95,7 +95,7 @@ UNIT = "sqrt(k_n (2R)^1/2/m)"
 
 
 def first_pair(**change) -> float | None:
-    """Push, in units of F_y, at which the first pair exists; 0 without any equilibrium, None without a pair."""
+    """Push, in units of F_y, at which the first pair exists; 0 if there is no equilibrium, None if there is no pair."""
     chosen = validate_scenario(DiskArrayScenario, dynamics={"loads": ()}, relaxation={"steps": STEPS}, **change)
     state, law = press(chosen)
     protocol = make_protocol(chosen, law)

@@ -300,7 +300,7 @@ def _where_first(main: DiskArrayResult) -> Claim:
 
 
 def _share_error(yes: np.ndarray) -> float:
-    """Standard error of the fraction of realisations with an outcome; infinite without realisations."""
+    """Standard error of the fraction of realisations with an outcome; infinite if there are none."""
     return float(np.sqrt(yes.mean() * (1 - yes.mean()) / len(yes))) if len(yes) else np.inf
 
 

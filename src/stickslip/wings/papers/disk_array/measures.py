@@ -146,7 +146,7 @@ def power_law(x: np.ndarray, speed: np.ndarray, error: np.ndarray) -> tuple[floa
 def drift_front(result: DiskArrayResult, threshold: float, loads) -> tuple[float, float] | None:
     """Speed and error of the backward front of an array that drifts with a constant profile of displacements.
 
-    See `fronts.drift_speed`; None without a run that passes the threshold.
+    See `fronts.drift_speed`; None if no run passes the threshold.
     """
     how = result.scenario.sliding
     order, distance = backward_order(result)

@@ -257,7 +257,7 @@ def creep_velocity(result: GougeResult, before: float) -> Curve:
 def energy_ratio(result: GougeResult, before: float) -> Curve:
     """Kinetic over elastic energy of the mobile grains in a hold against the hold time [s].
 
-    The elastic energy is that at the end of the hold, as it hardly changes under a constant stress.
+    The elastic energy is taken from the end of the hold, because it hardly changes under a constant stress.
     """
     curve = hold_curve(result, before, "kinetic_energy")
     tests = [(sample, t) for sample in result.realizations for t in sample.of("hold") if t.before == before]
@@ -399,7 +399,7 @@ def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 def _make_record(chain: list[Test], samples: int) -> Data:
     """Make one record of consecutive tests, with samples equally spaced in slip.
 
-    After a change of velocity, it begins in the middle of the first leg.
+    After a change of velocity, the record begins in the middle of the first leg.
     """
     columns = [test.series.friction for test in chain]
     if chain[0].before != chain[0].velocity:

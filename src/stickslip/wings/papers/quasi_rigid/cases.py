@@ -126,7 +126,7 @@ class Growth(NamedTuple):
     speed: np.ndarray  # (T,) norm over all coordinates [length/time]
     power: float  # d ln(speed)/d ln(time)
     rate: float  # d ln(speed)/d(time) over the last `DECADES` decades [1/time]
-    predicted: float  # √−λ of the lowest eigenvalue λ of m⁻¹k, 0 without a negative one [1/time]
+    predicted: float  # √−λ of the lowest eigenvalue λ of m⁻¹k, 0 if none is negative [1/time]
 
 
 def disk_between_floors(mu: float = FRICTION) -> tuple[State, Law]:
@@ -197,7 +197,7 @@ SOLVED = 6  # largest number of critical contacts for the eigenvalues of all sta
 SLACK = 1e-9  # largest relative difference between two equally stable statuses
 KICK = 1e-2  # random velocities, in overlaps per contact time
 TIME, LOOKS, DRAG = 200.0, 200, 0.02  # duration of vibrations, number of checks of the statuses, drag of slow dynamics
-BURST = 10.0  # ratio of kinetic energy to that of the kick which counts as a collapse
+BURST = 10.0  # kinetic energy, over that of the kick, above which a motion counts as a collapse
 PRESSURES = (1e-5, 1e-4, 1e-3)
 SMALL = 30  # number of disks of the packings at several pressures
 
@@ -208,13 +208,13 @@ class SlidingState(NamedTuple):
     critical: int
     slide: int  # number of critical contacts that slide under the load
     reverse: int  # number of critical contacts that slide under the reverse load
-    least_eigenvalue: bool | None  # True if no status has a smaller eigenvalue of sym k than that in which all slide
+    least_eigenvalue: bool | None  # True if no status has a smaller eigenvalue of sym k than the one in which all slide
     least_determinant: bool | None  # likewise for det k
     shares: np.ndarray  # contribution of each sliding contact to Q(v), over Q, for v under the load
 
 
 def sliding_state(state: State, law: Law, load: np.ndarray) -> SlidingState | None:
-    """Compare the statuses of a state; None without critical contacts, or without a consistent status.
+    """Compare the statuses of a state; None if there are no critical contacts, or no consistent status.
 
     Parameters
     ----------

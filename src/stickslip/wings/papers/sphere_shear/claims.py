@@ -232,7 +232,7 @@ def _mostly(count: int, total: int) -> bool | None:
     return None if low <= 0.5 <= high else bool(low > 0.5)
 
 
-MANY = 10  # number of pairs that counts as many: ten times that at the onset
+MANY = 10  # number of pairs that counts as many: ten times the number at the onset
 PLANE = 0.01  # third over first singular value below which a trajectory is plane: thinner than a line in a plot
 CENTRED = 0.1  # ratio of mean to amplitude below which stress oscillates around zero: invisible in a plot
 SYMMETRIC = 1e-12  # relative difference of equal blocks: round-off, with a margin for sums over contacts
@@ -265,7 +265,7 @@ def number_claims(main: ShearResult) -> list[Claim]:
 
 
 def late_births(path: ShearPath) -> float:
-    """Ratio of births in the second half of a path, by strain, to those in the first; NaN without the latter."""
+    """Ratio of births in the second half of a path, by strain, to those in the first; NaN if there are none then."""
     late = path.strain[1:] > 0.5 * path.strain[-1]
     born = np.maximum(np.diff(path.pairs), 0)
     return float(born[late].sum() / born[~late].sum()) if born[~late].sum() else np.nan
@@ -375,8 +375,8 @@ def damping_shares(eigenvalues: np.ndarray) -> tuple[float, float]:
 def isotropy_statistic(state: State) -> float:
     """Sum of squares with a χ² distribution for many independent, isotropic normals.
 
-    For the deviator D of the fabric tensor of n contacts it is n d (d + 2)/2 |D|², with d (d + 1)/2 − 1 degrees of
-    freedom in d dimensions, as components have the variance 2/(n d (d + 2)).
+    With the deviator D of the fabric tensor of n contacts, it is n d (d + 2)/2 |D|². In d dimensions, it has d (d +
+    1)/2 − 1 degrees of freedom, and components of D have the variance 2/(n d (d + 2)).
     """
     dim = state.cell.dim
     deviator = fabric(state)[:dim, :dim] - np.eye(dim) / dim

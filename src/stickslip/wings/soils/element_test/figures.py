@@ -23,7 +23,7 @@ from ....kit import (
 )
 from .measures import SERIES, STRESS
 
-HELD = 0.05  # relative range of p below which its axis does not zoom in on servo noise about a constant p
+HELD = 0.05  # relative range of p below which the axis does not zoom in on servo noise about a constant p
 MARKS = 40  # approximate number of points marked in a laboratory test
 FEW = 6  # largest number of samples distinguished by colour
 DASH, MARGIN = 4.0, 0.05  # length of dashes over the line width; margin as a fraction of an axis
@@ -41,7 +41,7 @@ def _axis(name: str, unit: str) -> str | tuple[str, str]:
 
 
 def _lines(axes, tables, x: str, y: str) -> None:
-    """Draw one line per sample; many samples are pale, with their mean if they have the same rows."""
+    """Draw one line per sample; lines of many samples are pale, with their mean if all have the same rows."""
     for k, table in enumerate(tables):
         few, label = len(tables) <= FEW, (pluralize(len(tables), "sample") if k == 0 else None)
         color, width, alpha = (COLORS[k], 0.8, 1) if few else (BLUE, 0.4, 0.4)
@@ -122,7 +122,7 @@ def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
 
     Parameters
     ----------
-    stress : name of its column: mean stress, or axial stress in an oedometric test
+    stress : name of the stress column: mean stress, or axial stress in an oedometric test
     """
     figure, axes = column_axes()
     tables = [table | {stress: np.abs(table[stress])} for table in tables]
@@ -313,7 +313,7 @@ def failure_directions(
     below.plot(at, np.zeros(len(at)), "|", color=BLACK, clip_on=False)
     label = r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$"
     bar = figure.colorbar(drawn, ax=below, label=label, pad=0.02)
-    bar.ax.set_ylim(min(-MARGIN, float(work.min())), 1)  # colours are those of −1 to 1
+    bar.ax.set_ylim(min(-MARGIN, float(work.min())), 1)  # colours range from −1 to 1
     label_axes(above, y=r"$\phi$ [°]")
     label_axes(below, x=SERIES[strain].axis, y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
     below.set(yticks=range(0, 361, 90), ylim=(0, 360))

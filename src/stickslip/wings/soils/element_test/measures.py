@@ -593,7 +593,7 @@ class Probed(NamedTuple):
 
     @property
     def least_work(self) -> float:
-        """Smallest normalised second-order work; NaN without a result."""
+        """Smallest normalised second-order work; NaN if there is none."""
         return float(np.nanmin(self.state.envelope.normalised_work)) if np.isfinite(self.state.weakest) else NAN
 
 
