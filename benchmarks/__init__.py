@@ -9,7 +9,7 @@ class Benchmark(NamedTuple):
     about: str
     seconds: float  # approximate duration on one core
     rooms: tuple[str, ...]  # rooms of `src/stickslip` on which its numbers depend
-    place: str = ""  # module and function of the rows; default: `NAME:rows`
+    place: str = ""  # module and function that yield the rows; default: `NAME:rows`
     ratios: bool = False  # True if it is part of `make bench`
 
 

@@ -132,7 +132,7 @@ def on_mode(state, form, plane, amplitude: float):
 
 
 def first_loss(state, start, law, form, plane, e_foldings: float) -> Seen | None:
-    """Run until a contact is lost, for at most a number of e-folding times; None if the run fails."""
+    """Run until a contact is lost, for at most `e_foldings` e-folding times; None if the run fails."""
     dt = 0.25 * ss.measure.stable_time_step(state, law)
     steps, every = int(e_foldings / form.growth_rate / dt), max(1, int(0.2 / form.frequency / dt))
     grains, free, leg = state.grains, form.free, max(every, -(-steps // 20 // every) * every)

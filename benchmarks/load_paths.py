@@ -58,7 +58,7 @@ class PathEnd(NamedTuple):
 
 
 def samples(sizes: dict[int, int] = SIZES) -> list[Sample]:
-    """All samples, alternately complete and without rattlers, with alternating directions."""
+    """All samples, alternately with and without rattlers, with alternating directions."""
     out = []
     for n, count in sizes.items():
         for k in range(count):

@@ -81,7 +81,7 @@ def require_lammps(ranks: int = 1) -> None:
 def load_error() -> str:
     """Return the error raised when the LAMMPS library is loaded, for example if MPI is missing.
 
-    Empty without an error.
+    The text is empty if there was no error.
     """
     loaded = run_lammps()
     return error_line(loaded) if loaded.returncode else ""

@@ -120,7 +120,7 @@ def cell_commands(leg: Leg, turning: float = 0.0) -> CellCommands:
 
     Parameters
     ----------
-    turning : drag of the grains by another fix, which the forces compensate [1/time]
+    turning : drag on the grains by another fix, for which the forces compensate [1/time]
     """
     start, dt, axes = driven_bodies(leg.state).rate, digits(leg.dt), free_axes(leg.state)
     places = np.argwhere(leg.state.control.cell_free | (start != 0)).tolist()

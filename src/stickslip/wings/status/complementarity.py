@@ -227,7 +227,7 @@ def lemke(problem: Complementarity) -> np.ndarray | None:
 MAPPED = 14  # largest number of contacts for enumeration of all statuses (16,384)
 AT_ONCE = 2048  # statuses solved together; more would not fit into the cache
 SURE = 0.1  # largest error of the entries of A_SS over the error that would make A_SS singular
-SAME = 1e-6  # fraction of the largest rate within which two solutions are equal: half of the digits
+SAME = 1e-6  # fraction of the largest rate within which two solutions count as equal: half of the digits
 BLUR = 10.0  # factor on the error bounds for null vectors and quantities derived from them
 
 
@@ -385,7 +385,7 @@ def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
     at = np.where(slides, 0.0, a @ slip + q)
     turn = np.where(slides[:, None], 0.0, a @ right)
     at[slides], turn[slides] = slip, right
-    # errors of null vectors are the errors of A over the next singular value
+    # errors of null vectors are the errors of A divided by the next singular value
     spread = BLUR * max(1.0, np.linalg.norm(inverse))
     at_error = spread * (error @ np.abs(slip) + problem.vector_error + error.max())
     missed_error = BLUR * np.abs(left.T) @ problem.vector_error[slides]

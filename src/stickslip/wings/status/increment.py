@@ -51,7 +51,7 @@ STRAYS = 1e-3  # estimated error of forces, over the mean normal force, beyond w
 BRACKET = 1e-3  # error of the load at which a sliding contact in 3D sticks again, as a fraction of an increment
 CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth of the residual
 LEAST = 0.01  # smallest force to which forces of a packing with bonds are compared, over the largest external force
-UNLOADED = 1e-9  # the same, over the force that stretches its stiffest contact or bond by a diameter: for round-off
+UNLOADED = 1e-9  # likewise over the force that stretches the stiffest contact or bond by a diameter, for round-off
 LOOK = 0.01  # fraction of a leg after which other statuses are searched for; c changes little within it
 NO_P_MATRIX = "the status is no longer unique for every load"
 NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
@@ -112,7 +112,7 @@ class Increment:
     def _decide_at_apex(self, place: PathState) -> None:
         """Decide whether contacts without force open, stick or slide; bodies without contact forces are released.
 
-        All contacts without force are decided together; decisions made one after the other could undo each other.
+        Statuses of contacts without force are decided together; decisions made one by one could undo each other.
         """
         before, place = place, self._with_touching_pairs(place)
         self._set_state(place)

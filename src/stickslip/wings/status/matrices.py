@@ -300,7 +300,7 @@ def rigid_motions(state: State, free: Freedom) -> sparse.csr_array:
 
 
 def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:
-    """(K, n) rates of deformation of intact bonds: stretching and, with stiffness, shear, bending and twisting.
+    """(K, n) rates of deformation of intact bonds: stretching and, if resisted, shear, bending and twisting.
 
     Shear is the velocity of i relative to j at the point where the shear force acts (see `core/contacts/bonds.py`);
     rotations are multiplied by the bond's length, so all rates are velocities.

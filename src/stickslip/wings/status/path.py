@@ -48,7 +48,7 @@ from .status import Verdict
 from .system import driven_motions, external_force, lowest_eigenvalue, relax_clusters
 
 SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged rattlers then overlap by round-off
-SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
+SHRINKS = 0.9  # halving an increment continues while the ratio of imbalances after and before is at most this
 PROGRESS = 1e-5  # fraction of a leg; the load stalls if it rises by less in CROWD events and parts of increments
 RETURNS = "is wedged and carries load again"
 COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
@@ -56,7 +56,7 @@ OFFSET = 1e-4  # fraction of a leg, by which the load is raised so that a packin
 JUMP = 10.0  # a motion larger than the previous one by this factor, for the same load change, is a collapse
 CRAWLS = 1e-4  # fraction of an increment; the path ends after CROWD parts without events that are shorter than this
 PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
-ROUND_OFF = 1e-9  # of the forces of a state in which a bond breaks
+ROUND_OFF = 1e-9  # relative round-off of the forces of a state in which a bond breaks
 REMOVAL = 0.25  # largest share of the load of a broken bond that is removed between two updates of the geometry
 AGAIN = 5  # number of times a disk must be wedged before its path counts as dependent on the increment
 
@@ -255,7 +255,7 @@ class _PathRecord:
         self.anchor, self.since = load, 0
 
     def raised_by(self, load: float, most: float) -> float:
-        """Share of a leg by which the load is raised, more if dynamics has just passed here without a collapse."""
+        """Share of a leg by which the load is raised; larger if dynamics has just passed here without a collapse."""
         last = self.collapses[-1] if self.collapses else None
         self.offset = min(2 * self.offset, most) if last and last.quiet and load < last.held + most else OFFSET
         return self.offset

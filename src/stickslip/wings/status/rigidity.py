@@ -77,8 +77,8 @@ def rigid_clusters(
     Raises
     ------
     ValueError
-        If there are no contacts, if the law has no or smooth friction or resists rolling, or for spheres with
-        "pebbles".
+        If there are no contacts, if the law has no friction, smooth friction or rolling resistance, or for
+        spheres with "pebbles".
 
     Notes
     -----

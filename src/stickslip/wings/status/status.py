@@ -103,8 +103,8 @@ class Alternative(NamedTuple):
 class ContactStatus(NamedTuple):
     """Status of all contacts under a load rate, with velocities, a verdict and its justification.
 
-    `stable` is a statement on det k(S) alone: if it is False, a motion grows without oscillating. If it is True, none
-    does because of this status, but oscillations may grow, which the eigenvalues of `stability` show.
+    `stable` is a statement on det k(S) alone: if it is False, a motion grows without oscillating. If it is True, this
+    status causes no such motion, but oscillations may grow; the eigenvalues of `stability` show them.
     """
 
     verdict: Verdict
@@ -287,7 +287,7 @@ def _enumerate(system: StatusSolver, problem: Complementarity, flipped: Verified
         if flipped is not None:
             return _make_status(system, Verdict.CONSISTENT, flipped, (), uniqueness)
         return _make_failure(system, Verdict.NOT_FOUND, None, uniqueness)
-    # stable ones first, and of these the one found by flipping
+    # stable statuses first, and among these the one found by flipping
     answers.sort(key=lambda a: (_stability_rank(a), not _same_rates(a, flipped)))
     verdict, first, others = _verdict(system, problem, answers), answers[0], answers[1:]
     if _same_rates(first, flipped):

@@ -15,10 +15,10 @@ from .matrices import LinearSystem, linear_system, stiffness_matrix
 # the same at 48, but the result of a correction is verified with a new factor
 FEW = 24
 RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
-NEUTRAL = 1e-9  # stiffness below which a cluster rolls without resistance, over that of contacts
+NEUTRAL = 1e-9  # stiffness, over that of contacts, below which a cluster rolls without resistance
 ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
 RELAXATIONS = 20  # largest number of Newton steps of bonded rattlers
-RELAXED = 1e-10  # unbalanced force of bonded rattlers over stiffness and radius; cutoff of rigid motions
+RELAXED = 1e-10  # unbalanced force of bonded rattlers over stiffness and radius; also the cut-off of rigid motions
 AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
 RANK = 1e-10  # share of the largest pivot below which a rate that bonds forbid is redundant
 CHECKED_UP_TO = 2500  # coordinates up to which the stability of a state is checked
@@ -109,7 +109,7 @@ class StatusSolver:
         return self.expand(v), self.sees.T @ v
 
     def round_off(self, velocity: np.ndarray) -> np.ndarray:
-        """(Mc,) round-off in Ṽ, a difference between velocities of touching bodies: a fraction of each velocity."""
+        """(Mc,) round-off in Ṽ, which is a difference between velocities of touching bodies, in proportion to each."""
         return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
 
     def expand(self, v: np.ndarray) -> np.ndarray:

@@ -432,7 +432,7 @@ def _check_series(values, least: int) -> np.ndarray:
 
 
 CONTRAST = 100.0  # slip velocity at which an event begins, over the median velocity
-SKIPPED = 1  # number of first intervals excluded, as they depend on the start
+SKIPPED = 1  # number of initial intervals excluded because they depend on the start
 
 
 def passing_velocity(time, slip, velocity) -> np.ndarray:

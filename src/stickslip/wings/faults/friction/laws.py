@@ -330,9 +330,9 @@ def _times_within(times, end: float) -> np.ndarray:
 def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | None = None) -> SlipHistory:
     """Friction of a surface under prescribed, piecewise constant slip velocity.
 
-    Exact for each piece of constant V: aging law θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip law
-    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0. At rest, friction is −∞ in the logarithmic form, returned as NaN, and
-    0 in the regularized form.
+    The state is exact for each piece of constant V: θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0, with the
+    aging law; ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0, with the slip law. At rest, friction is −∞ in the
+    logarithmic form, returned as NaN, and 0 in the regularized form.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ def load_steps(
 
 
 def _end_of_line(time, place, factor, first: int, slack: float) -> int:
-    """Last sample that a line from sample `first` can reach while staying within `slack` of every sample between."""
+    """Last sample that a line from sample `first` can reach while staying within `slack` of all samples in between."""
     low, high, last = -np.inf, np.inf, first + 1
     for k in range(first + 1, len(time)):
         span, rise = time[k] - time[first], place[k] - place[first]

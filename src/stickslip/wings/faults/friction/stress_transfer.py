@@ -210,7 +210,7 @@ def image_nodes(number: int, dip: float) -> int:
 def _order(dip: float) -> int:
     """Number n of Chebyshev nodes between ξ and 2ξ with which the error ρ^−n is round-off.
 
-    ρ is the parameter of the ellipse about the interval through the nearest singularity, at ξ' e^{2iψ}.
+    ρ is the parameter of the ellipse around the interval that passes through the nearest singularity, at ξ' e^{2iψ}.
     """
     poles = 2 * np.geomspace(0.2, 5.0, 200) * np.exp(2j * np.radians(dip)) - 3  # the interval is mapped to −1 to 1
     growth = np.log(np.abs(poles + np.sqrt(poles - 1) * np.sqrt(poles + 1)).min())

@@ -86,7 +86,7 @@ PARTS = 10  # number of parts of the fit window, in each of which the stress amp
 
 
 def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second and third over first singular value of each grain's displacements in a turn, (L, H) each.
+    """Second and third singular values of each grain's displacements in a turn, over the first one, (L, H) each.
 
     The second ratio is 0 for motion on a line, the third for motion in a plane. The motion of a single pair is Re(c
     e^{iωt}) with a complex vector c for each grain, so a grain moves in the plane of Re c and Im c through its
@@ -233,7 +233,7 @@ def _mostly(count: int, total: int) -> bool | None:
 
 
 MANY = 10  # number of pairs that counts as many: ten times the number at the onset
-PLANE = 0.01  # third over first singular value below which a trajectory is plane: thinner than a line in a plot
+PLANE = 0.01  # ratio of third to first singular value below which a trajectory is plane: thinner than a line in a plot
 CENTRED = 0.1  # ratio of mean to amplitude below which stress oscillates around zero: invisible in a plot
 SYMMETRIC = 1e-12  # relative difference of equal blocks: round-off, with a margin for sums over contacts
 

@@ -180,7 +180,7 @@ EVENTS = Quantities([
     Quantity("kind", "1", "class of the event", lambda event: event.kind.name.lower()),
     Quantity("i", "1", "grain of the contact that starts it; −1 if none", lambda event: event.trigger[0]),
     Quantity("j", "1", "other grain of that contact", lambda event: event.trigger[1]),
-    Quantity("mobilisation", "1", "|F_t|/(μ F_n) of that contact before"),
+    Quantity("mobilisation", "1", "|F_t|/(μ F_n) of that contact before the event"),
     Quantity("growth rate", RATE, "growth rate of the instability under the drag", "growth_rate"),
     Quantity("stress drop", "1", "stress drop over the pressure", "stress_drop"),
     Quantity("jump", "1", "non-affine displacement in mean diameters"),
