@@ -14,7 +14,7 @@ class Benchmark(NamedTuple):
 
 
 STEPS = ("_core", "builtin_laws", "core")  # time steps
-LOOP = (  # code of time steps of grains
+LOOP = (  # code that computes time steps of grains
     "_core", "builtin_laws", "core/dynamics", "core/contacts/forces.py", "core/contacts/neighbors.py",
     "core/laws/builtin.py", "core/laws/compiled.py", "core/laws/kinds.py", "core/laws/properties.py", "core/state.py",
 )  # fmt: skip

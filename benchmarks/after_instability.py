@@ -74,7 +74,7 @@ def chosen(states: list, law, rng):
 
 
 def sheared_packings(dim: int, sizes, rng):
-    """Yield states of sheared packings dominated by one pair, at most one per packing; or None."""
+    """Yield one state per sheared packing that is dominated by one pair, or None if the packing has none."""
     while True:
         n, mu = int(rng.integers(*sizes)), float(10 ** rng.uniform(np.log10(0.3), 1))
         law = ss.laws.hertz_mindlin(mu=mu, coulomb="smooth")

@@ -4,7 +4,7 @@ The version must be the same in the package, CITATION.cff, .zenodo.json, the con
 is built from the unpacked sdist by the compiler of the package `ziglang`, so that it runs on old systems as well.
 `twine check --strict` checks both, and on Linux `auditwheel` confirms the tag of the wheel. `stickslip doctor` runs in
 two new environments without a compiler: with the newest dependencies, and with the oldest that pyproject.toml allows.
-`--repository URL` names the address of the repository, which then stands in the metadata, the README's links and
+`--repository URL` names the address of the repository, which then appears in the metadata, the README's links and
 badges, CITATION.cff, .zenodo.json and the conda recipe of what is built; the sources have none. The
 documentation takes its links to the repository, Binder and Colab from the metadata. A number in the README that is
 older than the code stops a release.

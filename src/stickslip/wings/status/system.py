@@ -158,7 +158,7 @@ def load_of(matrix: LinearSystem, load) -> np.ndarray:
 
 
 def follow_bonds(matrix: LinearSystem, fixed: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
-    """Coordinates that follow the others where rigid bonds forbid motions, and N of v = N z (n, n), z without them.
+    """Coordinates that follow the others where rigid bonds forbid motions, and N (n, n) of v = N z; z is of the others.
 
     The others include those that are fixed. Columns of N that belong to coordinates that follow are zero.
     """

@@ -145,7 +145,7 @@ def _event_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> list[C
     ]  # fmt: skip
 
 
-STATION = 7500.0  # distance of the series down dip [m]
+STATION = 7500.0  # distance down dip of the published series [m]
 SURFACE = (-32e3, -16e3, -8e3, -0.01, 0.01, 8e3, 16e3, 32e3)  # [m]
 CELLS, QUICK_CELLS = (25.0, 50.0), (50.0, 62.5)  # cell lengths: main runs, and coarser runs for errors [m]
 YEARS = (250.0, 490.0)  # years at which slip [m], shear stress and normal stress [MPa] are compared
@@ -299,7 +299,7 @@ BP6_SHOWS = {
 
 
 def bp6_scenario(*, quick: bool = False, seed: int = 0, cells: int = FINE, law: str = "aging") -> FaultScenario:
-    """Return the scenario: one half of the fault, with a free surface at the source, about which slip is even.
+    """Return the scenario of one half of the fault, with a free surface at the source, about which slip is even.
 
     The number of cells is an odd multiple of 1024, so a cell centre lies at the station beside the source.
     """

@@ -225,7 +225,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
 
 
 def _state_terms(fault: Fault, w, friction: np.ndarray) -> np.ndarray:
-    """Sum of the state terms for which friction has a given value at a slip velocity (N,)."""
+    """Sum of the state terms with which friction has a given value at a slip velocity (N,)."""
     x, cut = friction / fault.a, fault.cuts[0]
     if fault.form == "regularized":
         x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)

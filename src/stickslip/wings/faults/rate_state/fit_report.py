@@ -173,7 +173,7 @@ def check_folder(out: Path, overwrite: bool) -> None:
         raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
 
 
-FIELDS = (  # of a fit, in the JSON object
+FIELDS = (  # fields of a fit in the JSON object
     "values", "errors", "intervals", "names", "form", "fixed", "identifiable", "sentence", "sigma", "effective",
     "adequate", "reduced", "aic", "bic",
 )  # fmt: skip

@@ -275,7 +275,7 @@ class Trajectory(NamedTuple):
     angle: np.ndarray  # (T, N) [rad]
     first_limit: float  # first time at which any contact reached the Coulomb limit
     breach: np.ndarray  # (N,) [time]
-    slide: np.ndarray  # (N,) first displacement by SLID diameters [time]
+    slide: np.ndarray  # (N,) first time of displacement by SLID diameters [time]
 
 
 def diameter(state: State) -> float:

@@ -211,7 +211,7 @@ class Arrest(NamedTuple):
 
 
 def find_arrest(result: DiskArrayResult, load: float) -> Arrest:
-    """Relax the end and further late states, an eighth of the run apart, of the free run at a load."""
+    """Relax the end state and further late states, an eighth of the run apart, of the free run at a load."""
     scenario, law, how = result.scenario, result.law, result.scenario.dynamics
     point, protocol = point_at_load(result.path, load), make_protocol(result.scenario, result.law)
     end, rows = perturbed(point.state, scenario.seed, how.seed_velocity), []

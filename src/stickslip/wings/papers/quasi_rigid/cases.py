@@ -76,7 +76,7 @@ class ApexCases(NamedTuple):
 def counterexample(directions: int = 720) -> tuple[str, ...]:
     """Return the largest set of statuses that are simultaneously consistent for one contact in unstable surroundings.
 
-    Their stiffness is K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ = 0.9; the load has all
+    Their stiffness is K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ = 0.9; the load takes all
     directions.
     """
     springs = np.diag([1.0, 0.5])

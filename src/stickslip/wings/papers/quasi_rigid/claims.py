@@ -53,7 +53,7 @@ RATE = 0.02  # as EXPONENT
 LINEARISED = 1e-5  # relative error of Table I, ten times the motion over the overlap
 BALANCED = 1e-6  # largest unbalanced fraction of a load; round-off of k is 1e-10
 HUNDREDS, DISKS = 100, 1600
-MOTION = 1e-10  # of `table_one` for one disk, a millionth of its overlap
+MOTION = 1e-10  # random motion of `table_one` for one disk, a millionth of its overlap
 
 
 def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:

@@ -265,7 +265,7 @@ def number_claims(main: ShearResult) -> list[Claim]:
 
 
 def late_births(path: ShearPath) -> float:
-    """Ratio of births in the second half of a path, by strain, to those in the first; NaN if there are none then."""
+    """Ratio of births in the second half of a path, by strain, to those in the first; NaN if the first has none."""
     late = path.strain[1:] > 0.5 * path.strain[-1]
     born = np.maximum(np.diff(path.pairs), 0)
     return float(born[late].sum() / born[~late].sum()) if born[~late].sum() else np.nan
