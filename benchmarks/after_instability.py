@@ -7,7 +7,7 @@ documentation have 24 arrays, mixed arrays and disks, and 20 spheres.
 
 Packings of disks and spheres are jammed without friction and sheared quasi-statically with smooth friction. Arrays of
 disks on a substrate are pushed: equal disks that overlap at first, and mixed disks, some with gaps between them. States
-are kept if one complex pair dominates: nothing else grows at half its rate or faster. Half of them are the states
+are kept if one complex pair dominates: no other motion grows at half its rate or faster. Half of them are the states
 nearest to a birth in their packing. Each state is run twice without damping: from the growing mode at a small fraction
 of the predicted amplitude, and from random velocities. The first contact that opens or reaches the Coulomb limit is
 compared with the predicted contact; contacts that close earlier are compared with the prediction of such closings.
@@ -58,7 +58,7 @@ def growing(found) -> np.ndarray:
 
 
 def dominated(state, law) -> float:
-    """Ratio of the growth rate of the fastest pair to the next growth rate; zero if the fastest motion is no pair."""
+    """Ratio of the growth rate of the fastest pair to the next one; zero if the fastest motion is not a pair."""
     found = ss.stability(state, law)
     rates = growing(found)
     if not len(found.pairs) or found.growth_rate[0] < rates[0] or not found.pairs[0].real > 0:
@@ -74,7 +74,7 @@ def chosen(states: list, law, rng):
 
 
 def sheared_packings(dim: int, sizes, rng):
-    """Yield states of sheared packings dominated by one pair, at most one per packing; None for a packing without."""
+    """Yield one state per sheared packing that is dominated by one pair, or None if the packing has none."""
     while True:
         n, mu = int(rng.integers(*sizes)), float(10 ** rng.uniform(np.log10(0.3), 1))
         law = ss.laws.hertz_mindlin(mu=mu, coulomb="smooth")
@@ -132,7 +132,7 @@ def on_mode(state, form, plane, amplitude: float):
 
 
 def first_loss(state, start, law, form, plane, e_foldings: float) -> Seen | None:
-    """Run until a contact is lost, for at most a number of e-folding times; None if the run fails."""
+    """Run until a contact is lost, for at most `e_foldings` e-folding times; None if the run fails."""
     dt = 0.25 * ss.measure.stable_time_step(state, law)
     steps, every = int(e_foldings / form.growth_rate / dt), max(1, int(0.2 / form.frequency / dt))
     grains, free, leg = state.grains, form.free, max(every, -(-steps // 20 // every) * every)
@@ -244,7 +244,7 @@ KINDS = {
 
 
 def rows(*words: str, smallest: bool = False):
-    """Compare this many states of each kind: one line per state, and fractions of correct predictions."""
+    """Compare a number of states of each kind: one line per state, and fractions of correct predictions."""
     each = 1 if smallest else next((int(word) for word in words if word.isdigit()), 24)
     wanted = ["arrays"] if smallest else [word for word in words if not word.isdigit()] or list(KINDS)
     found_rows, without = {}, Counter()

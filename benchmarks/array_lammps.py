@@ -2,7 +2,7 @@
 
 Grains, wall, period, forces, law (Hertz–Mindlin with memory, sharp Coulomb, no dashpots) and time step are those of
 `array_stickslip.py`, without output during the run. LAMMPS multiplies stiffnesses by √R_eff; they are therefore divided
-by it.
+by this factor.
 """
 
 import sys

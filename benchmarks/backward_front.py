@@ -1,4 +1,4 @@
-"""Explanations of the speed of the backward front of a pushed disk array: the table of `docs/disk_array.md`.
+"""Explanations for the speed of the backward front in a pushed disk array: the table of `docs/disk_array.md`.
 
 python -m benchmarks backward_front     # about ten minutes; writes front.csv and the table
 """
@@ -37,7 +37,7 @@ class Speeds(NamedTuple):
 
 
 def cases() -> list[tuple[str, dict, tuple[float, ...], tuple[float, ...]]]:
-    """What is changed: words, tables of the scenario, pushes, thresholds."""
+    """Names of the changes, with tables of the scenario, pushes and thresholds."""
     stiff = [(f"disk–disk k_n × {kn:g}", {"law": {"kn": kn, "wall": {"kn": 1.0}}}) for kn in (0.25, 0.5, 2.0, 4.0)]
     soft = [(f"k_t = {kt:g} k_n", {"law": {"kt": kt}}) for kt in (0.1, 0.6)]
     rows = [(f"N = {n}, F_x = {PUSH * n / 10:g}", {"array": {"disks": n}}, (PUSH * n / 10,)) for n in (5, 20)]
@@ -70,14 +70,14 @@ def measure(words: str, tables: dict, pushes, thresholds, realizations: int = RE
 
 
 def read() -> list[Speeds]:
-    """Read the file."""
+    """Read the measured speeds from the file."""
     with OUT.open(encoding="utf-8", newline="") as file:
         _, *rows = csv.reader(file)
     return [Speeds(change, int(count), *map(float, rest)) for change, count, *rest in rows]
 
 
 def write(rows: list[Speeds]) -> None:
-    """Write the file, and the table of the page."""
+    """Write the speeds to the file, and the table to the page."""
     OUT.parent.mkdir(parents=True, exist_ok=True)
     with OUT.open("w", encoding="utf-8", newline="") as file:
         out = csv.writer(file, lineterminator="\n")

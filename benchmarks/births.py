@@ -10,7 +10,7 @@ UNLIMITED = 1e6  # μ above which no contact reaches the limit
 
 
 class Births(NamedTuple):
-    """First pairs of packings under one law; strains are medians over all packings, infinite without a birth."""
+    """First pairs of packings under one law; strains are medians over all packings, infinite if no pair is born."""
 
     kind: str
     coulomb: str

@@ -131,7 +131,7 @@ def stored(laws, out: Path = OUT) -> dict[str, Table]:
 
 
 def write_reference(folder: Path, out: Path = OUT) -> None:
-    """Write tables, figures and summary of finished runs; laws that are not in the folder keep theirs."""
+    """Write tables, figures and summary of finished runs; laws that are not in the folder keep their results."""
     events, steps = gathered(folder)
     out.mkdir(parents=True, exist_ok=True)
     found = {law: skills(steps[law], events[law], SHEAR["window"]) for law in events}
@@ -177,7 +177,7 @@ def estimate_again(out: Path = OUT) -> None:
 
 
 def _draw_events(whole: Table, every: dict[str, Table], out: Path) -> None:
-    """Draw the pictures of which all data are stored."""
+    """Draw the pictures for which all data are stored."""
     save_picture(figures.eigenvalue_before_events(whole), out / "eigenvalue.png")
     save_picture(figures.classes({law: class_counts(table) for law, table in every.items()}), out / "classes.png")
     save_picture(figures.drops(every), out / "drops.png")

@@ -117,7 +117,7 @@ def first_collapse(case: Case, path: LoadPath, run: SlowRun, event: Collapse) ->
     load = loads[near[near > 0][int(np.argmax(steps))]]
     ends = event.load - 0.5 * WINDOW, event.load + WINDOW + event.duration / WHOLE
     series = (path.load, path.states), (loads, states)
-    start = state_at(ends[0], *series[0])  # its rattlers are excluded in both
+    start = state_at(ends[0], *series[0])  # rattlers of this state are excluded in both
     mine, theirs = (
         without_drift(start, displacements(*(state_at(end, *one) for end in ends)))[:, :3] for one in series
     )

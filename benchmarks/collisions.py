@@ -1,4 +1,4 @@
-"""Restitution of two spheres for both readings of Ferdowsi & Rubin's damping, with our equation of motion and LAMMPS.
+"""Restitution of two spheres for both readings of Ferdowsi & Rubin's damping, by our equation of motion and in LAMMPS.
 
 python -m benchmarks collisions
 """

@@ -1,4 +1,4 @@
-"""Time per step of laws with rolling, twisting or additional memory, and of user-defined laws, over `hertz_mindlin`.
+"""Time per step of laws with rolling, twisting or more memory, and of user-defined laws, relative to `hertz_mindlin`.
 
 python -m benchmarks contact_laws
 """

@@ -22,7 +22,7 @@ def sample(dim: int, mu: float, seed: int, pressure: float = PRESSURE, **options
 
 
 def excess(info, dim: int, mu: float) -> float:
-    """Contact number above isostaticity: d + 1 + 2 n_m/d with n_m sliding contacts per grain, 2 d without friction."""
+    """Contact number above isostaticity: d + 1 + 2 n_m/d with n_m sliding contacts per grain; 2 d without friction."""
     held = 2 * info.contacts / info.coordination
     return info.coordination - (dim + 1 + 2 * info.sliding / held / dim if mu else 2 * dim)
 

@@ -61,7 +61,7 @@ def shear_load(state, matrix: LinearSystem) -> np.ndarray:
 
 
 def flip_and_solve(matrix: LinearSystem, load, critical, sliding) -> tuple[np.ndarray, int]:
-    """Find sliding contacts with SciPy's `spsolve`, flipping all inconsistent contacts; also return the rounds."""
+    """Find sliding contacts with SciPy's `spsolve`, flipping all inconsistent contacts; return rounds as well."""
     kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
     sliding, v = sliding.copy(), np.zeros(len(load))
     for turn in range(1, 60):

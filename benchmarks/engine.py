@@ -175,7 +175,7 @@ def size_rows(*, smallest: bool = False):
 
 
 def width_rows(*, smallest: bool = False):
-    """Time per closed contact and step of dense spheres of very different sizes, relative to radii of 0.5 and 0.7."""
+    """Time per closed contact and step for dense spheres of widely varying sizes, relative to radii of 0.5 and 0.7."""
     n = 150 if smallest else 10_000
     paths = [str(scene(3, fraction, n, 0.001, width)) for width, fraction in WIDE.items()]
     narrow, *wide = measure("widths", Path(os.pathsep.join(paths)), 10 if smallest else 200)

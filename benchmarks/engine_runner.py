@@ -2,7 +2,7 @@
 
 Prints seconds per step, and peak memory in excess of the libraries and our compiled code, in bytes. With RUNS, seconds
 per step are the mean of that many runs from one state, minus the time of a run of one step. The side `threads` prints
-seconds per step on one thread, on THREADS threads, and half of that of two simultaneous runs; with RUNS, these include
+seconds per step on one thread, on THREADS threads, and half the time of two simultaneous runs; with RUNS, these include
 the start and end of a run, see `alternate`. The side `widths` prints seconds per step and closed contact of several
 scenes.
 

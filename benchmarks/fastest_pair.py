@@ -7,7 +7,7 @@ which factors do not fit into memory. The time of a quasi-static strain step is 
 for one e-folding time, starting on the mode found.
 
 `crystal` consists of 10,000 spheres as 200 copies of a small cell, searched without factors, as 100,000 spheres are. By
-Bloch's theorem their spectrum is that of 200 small matrices, A(k) = Σ_R A_0R exp(ik·R), which LAPACK computes in full.
+Bloch's theorem, their spectrum is that of 200 small matrices, A(k) = Σ_R A_0R exp(ik·R), which LAPACK computes in full.
 """
 
 import resource

@@ -5,8 +5,8 @@
 The benchmark problem BP1-QD with cells of 100 m is run for 280 years with our stepper and with `scipy.integrate`
 (RK23, RK45, DOP853, LSODA), all with the same compiled rates and one thread. Our stepper is also DOP853, but with
 compiled stages and a step size that depends on the previous error, too. Tolerances of SciPy's solvers are absolute and
-refer to the same unknowns, slip/D_c and ln θ. The error is the difference from our stepper with a tolerance of 1e-9. It
-takes a few minutes.
+refer to the same unknowns, slip/D_c and ln θ. The error is the difference from our stepper with a tolerance of 1e-9.
+The benchmark takes a few minutes.
 """
 
 import time

@@ -3,10 +3,10 @@
     python -m benchmarks forecast [TIMES] [calibrate]
 
 Packings of 30 disks are sheared, and each forecast along the path is compared with the next event or pair. Naive
-forecasts are that the next event, or pair, comes after the mean spacing of the previous ones, or after the last
-spacing; they require two earlier ones. TIMES (default: 1) as many packings are sheared. `calibrate` instead prints the
+forecasts assume that the next event, or pair, comes after the mean spacing of the previous ones, or after the last
+spacing; they require two earlier ones. TIMES multiplies the number of packings. `calibrate` instead prints the
 quantiles of `loading.event_path.CALIBRATED`, from other packings. Saddle nodes of the reference catalogue, whose
-eigenvalues are known at small distances, are used as well. It takes minutes.
+eigenvalues are known at small distances, are used as well. The benchmark takes minutes.
 """
 
 from itertools import pairwise
@@ -60,7 +60,7 @@ class Made(NamedTuple):
 
 
 def made_along(steps) -> list[Made]:
-    """Forecasts along a path that can be judged, as the event came or the path is longer than the interval."""
+    """Forecasts along a path that can be judged because the event came or the path is longer than the interval."""
     events = np.array([event.strain for step in steps for event in step.events])
     births = np.array([b.strain for a, b in pairwise(steps) if b.pairs > a.pairs])
     births = births - 0.5 * STEP  # middle of the step
@@ -84,7 +84,7 @@ def made_along(steps) -> list[Made]:
 
 
 def path(case: Case, seed: int, strain: float) -> list:
-    """Steps of one packing: fewer if no equilibrium exists, none if it does not jam."""
+    """Steps of one packing: fewer if no equilibrium exists, none if the packing does not jam."""
     steps = []
     try:
         state, _ = ss.packings.jammed(30, packing_fraction=case.fraction, dim=2, law=case.law, seed=seed)

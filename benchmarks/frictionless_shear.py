@@ -7,7 +7,7 @@ and slow shear (Peyneau and Roux 2008, doi:10.1103/PhysRevE.78.011307, abstract;
 tests shear samples at constant σ_yy at several inertial numbers I. tan φ = |σ_xy|/σ_yy is averaged over γ > 0.15 and
 extrapolated by tan φ = A + B I^n with n = 0.4; n = 0.3 and 0.5 show the influence of that assumption. The tolerance,
 chosen before the first run, is 10 % of the published value, or twice the combined error if that is larger. The table is
-for docs/element_tests.md. It takes about fifteen minutes.
+for docs/element_tests.md. The benchmark takes about fifteen minutes.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ from .records import number
 PUBLISHED = Path(__file__).parents[1] / "docs" / "reference" / "element_tests" / "frictionless_shear.csv"
 RATES, POWERS = (1e-3, 3e-4, 1e-4), (0.4, 0.3, 0.5)  # inertial numbers; powers n, the first of which is assumed
 STRAIN, STEADY = 0.4, 0.15  # shear strain, and strain from which averages are computed
-BLOCKS = 5  # number of parts of the steady series whose scatter gives the error of a single sample
+BLOCKS = 5  # number of parts of a steady series; their scatter gives the error of a single sample
 
 
 def tangent(grains: int, samples: int, inertial_number: float, strain: float = STRAIN) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """Time steps of sliding fault gouge: stickslip and LAMMPS `gran/hertz/history` from the same state, alternating.
 
-The sample is settled and slid by one mean diameter with stickslip; the larger sample consists of 3 × 3 copies. Both
+The sample settles and slides by one mean diameter with stickslip; the larger sample consists of 3 × 3 copies. Both
 sides start without contact memory, with the same forces on the plate and the same time step, on one core. LAMMPS uses
 the skin of `SKINS` that is fastest on this machine; stickslip chooses its skin itself.
 """

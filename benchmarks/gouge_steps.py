@@ -2,8 +2,8 @@
 
 For sequences of velocity steps, errors of rate-and-state parameters are computed from two inputs: the sensitivities of
 the slip law, with the a, b, D_c and stiffness of Ferdowsi & Rubin 2021, and the fluctuations of friction in steady
-sliding of the stored samples, whose correlation decays exponentially with slip. The unit of cost is one sample of the
-protocol of the paper's size.
+sliding of the stored samples, whose correlation decays exponentially with slip. Costs are in units of one sample
+that runs the protocol at the paper's size.
 
 python -m benchmarks gouge_steps
 """

@@ -2,8 +2,8 @@
 
 python -m benchmarks inclusions [DISKS]
 
-Samples are a lattice, frictionless disks (single grains), and sheared disks with friction (every tenth grain; 13 of
-these in steps of 2 % and of 10 %). A smaller number of disks, such as 300, shortens it.
+Grains are inflated in a lattice, in packings without friction (single grains), and in sheared packings with friction
+(every tenth grain; 13 of these in steps of 2 % and of 10 %). A smaller number of disks, such as 300, shortens the run.
 """
 
 import warnings
@@ -37,7 +37,7 @@ def sheared(disks: int, fraction: float):
 
 
 def describe(field) -> str:
-    """Amplitude over that of the moduli, κ_e², and the preferred model."""
+    """Amplitude over the one that follows from the moduli, κ_e², and the preferred model."""
     fits = field.fit()
     elastic, dipole = fits.models[:2]
     lame = np.mean(field.lame)

@@ -4,8 +4,8 @@
     python -m benchmarks load_paths --slow 20      # the first 20 samples of 60 disks, compared with slow dynamics
 
 A sample is a box of disks, with or without its rattlers. The force on one wall grows to three times its initial value
-or falls to a tenth. Ends agree if they differ by at most 1 %. If they do not, at least one path must have reported
-other consistent choices, or that it is undecided.
+or falls to a tenth. Ends agree if they differ by at most 1 %. If ends do not agree, at least one path must have
+reported other consistent choices, or that it is undecided.
 """
 
 import time
@@ -27,7 +27,7 @@ SIZES = {60: 20, 100: 14, 200: 10, 400: 6}  # number of samples of each size
 FIRST_SEED = 101  # seeds from here on are not used by any test
 AGREE = 0.01  # largest relative difference between ends that agree
 PRESSURE = 1e-4
-TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of the whole load, drag, and end of runs over that of the path
+TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of the whole load, drag, end of runs over the end of the path
 BURST, ALIKE, BEFORE = 30.0, 0.5, 10  # kinetic energy over its median, and over the faster run's; steps in a median
 ASTRAY = 0.02  # distance of the wall from the path, over its last shift, that cannot be a lag of the dynamics
 
@@ -58,7 +58,7 @@ class PathEnd(NamedTuple):
 
 
 def samples(sizes: dict[int, int] = SIZES) -> list[Sample]:
-    """All samples, alternately complete and without rattlers, with alternating directions."""
+    """All samples, alternately with and without rattlers, with alternating directions."""
     out = []
     for n, count in sizes.items():
         for k in range(count):

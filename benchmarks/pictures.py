@@ -1,4 +1,4 @@
-"""Pictures of the documentation: with fewer pixels and colours than figures of users, and type of one size."""
+"""Pictures of the documentation, with fewer pixels and colours than other figures, and with type of a single size."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ def save_picture(figure, path: Path) -> Path:
 
 
 def shrink(path: Path, to: Path, size: float = SHRINK) -> Path:
-    """Save a picture with fewer pixels, a share of its size, and fewer colours."""
+    """Save a picture with fewer colours, scaled to a fraction of its size in pixels."""
     picture = Image.open(path).convert("RGB")
     small = picture.resize([round(size * k) for k in picture.size], Image.Resampling.LANCZOS)
     # MAXCOVERAGE keeps colours of few pixels, such as those of thin lines

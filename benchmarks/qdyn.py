@@ -6,7 +6,7 @@ QDYN (Luo et al. 2017, doi:10.5281/zenodo.322459) is built from its source by `m
 on the path as `qdyn`; the PyPI package of this name is a different program. Both codes run the benchmark problem BP1-QD
 and a fault with in-plane shear in an infinite body for 420 years, alternating, each in its own process on one core; the
 shortest processor time of several rounds counts. In both codes, slip has no waves shorter than two cells. Errors are
-differences from the limit of small cells, extrapolated with order 2 from two of our runs. It takes about ten minutes.
+differences from the limit of small cells, extrapolated with order 2 from two of our runs. Runs take ten minutes.
 
 QDYN has only antiplane shear. In-plane shear is obtained with G/(1 − ν) instead of G; the radiation damping G/(2 c_s)
 is unchanged if c_s is divided by 1 − ν as well. Both codes start from the steady stress where `a` is largest.

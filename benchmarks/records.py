@@ -43,7 +43,7 @@ console = Console()
 
 @cache
 def _code(path: Path, _modified: int) -> str:
-    """Text of a source file without comments and spaces; of Python also without docstrings, messages, local names."""
+    """Text of a source file without comments and spaces; for Python also without docstrings, messages, local names."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
         return _plain(_WithoutWords().visit(ast.parse(text)))
@@ -200,9 +200,9 @@ def store(
 ) -> Path:
     """Write the numbers and lines of a run; other numbers keep their dates, and all keep the digits shown.
 
-    The numbers depend on `rooms`, and among the Python files there only on `modules`, unless that is None. Page text
-    that was transcribed from the previous run gets the date of this one if both have the same lines and numbers, except
-    times, which pages show as links.
+    The numbers depend on `rooms`, and among the Python files there only on `modules`, unless that list is None. Page
+    text that was transcribed from the previous run gets the date of this one if both have the same lines and numbers,
+    except times, which pages show as links.
     """
     path = folder(root) / f"{name}.json"
     values = values | texts(name, root, kind="written")

@@ -79,7 +79,7 @@ def long_steps(n: int, count: int) -> list[dict]:
 
 
 def strain_steps() -> list[dict]:
-    """Newton with a reused factorisation, the paper's drag and strong drag for N = 100, alternating, best of three."""
+    """Newton's method, factorisation reused; the paper's drag and strong drag, N = 100, alternating, best of three."""
     state = packing(100)
     run(state, LAW, 200, 0.1, drag=0.1)
     newton_steps(state, 3)

@@ -1,7 +1,7 @@
 """Plastic contacts: stiffness kn as the overlap grows, k_unload as it decreases.
 
 Walton & Braun, doi:10.1122/1.549893: the force vanishes at the plastic overlap
-(1 − kn/k_unload) deepest. Beyond the deepest overlap it is again kn overlap.
+(1 − kn/k_unload) deepest. Beyond the deepest overlap, it is again kn overlap.
 Spheres rebound with the fraction √(kn/k_unload) of their speed.
 """
 

@@ -1,7 +1,7 @@
-"""`make platforms`: compile the core for every platform of a wheel, and compare the functions in the libraries.
+"""`make platforms`: compile the core for every platform with a wheel, and compare the functions in the libraries.
 
 The compiler of the package `ziglang` builds for Linux, macOS and Windows on any of them. A function that a library
-lacks, such as one that is visible on Linux alone, would otherwise be noticed only when somebody starts there. Nothing
+lacks, such as one that is visible on Linux alone, would otherwise be noticed only when somebody uses it there. Nothing
 built here is installed: hosted CI builds and tests the wheels on their own platforms.
 """
 
@@ -41,7 +41,7 @@ def exported(python: Path, libraries: list[Path]) -> dict[Path, set[str]]:
 
 
 def main() -> None:
-    """Build the libraries of all platforms, and print what they lack or have in addition."""
+    """Build the libraries of all platforms, and print the functions that they lack or have in addition."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         python = tools(folder / "tools") / "python"

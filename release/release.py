@@ -2,12 +2,12 @@
 
 The version must be the same in the package, CITATION.cff, .zenodo.json, the conda recipe and the changelog. The wheel
 is built from the unpacked sdist by the compiler of the package `ziglang`, so that it runs on old systems as well.
-`twine check --strict` reads both, and on Linux `auditwheel` confirms the tag of the wheel. `stickslip doctor` runs in
+`twine check --strict` checks both, and on Linux `auditwheel` confirms the tag of the wheel. `stickslip doctor` runs in
 two new environments without a compiler: with the newest dependencies, and with the oldest that pyproject.toml allows.
-`--repository URL` names the address of the repository, which then stands in the metadata, the README's links and
-badges, CITATION.cff, .zenodo.json and the conda recipe of what is built; the sources have none. From the metadata, the
-documentation takes its links to the repository, Binder and Colab. A number in the README that is older than the code
-stops a release.
+`--repository URL` names the address of the repository, which then appears in the metadata, the README's links and
+badges, CITATION.cff, .zenodo.json and the conda recipe of what is built; the sources have none. The
+documentation takes its links to the repository, Binder and Colab from the metadata. A number in the README that is
+older than the code stops a release.
 """
 
 import argparse
@@ -92,7 +92,7 @@ def oldest() -> list[str]:
 
 
 def urls(address: str) -> dict[str, str]:
-    """Addresses that follow from that of the repository, as `[project.urls]` names them.
+    """Addresses that follow from the address of the repository, by their names in `[project.urls]`.
 
     Binder and Colab open the notebook for a lecture hour; Colab only from GitHub.
     """
@@ -109,7 +109,7 @@ def urls(address: str) -> dict[str, str]:
 
 
 def badges(known: dict[str, str]) -> str:
-    """Line of the README with the state of the tests, where GitHub knows it, and links to the notebook."""
+    """Line of the README with the state of the tests (on GitHub only) and links to the notebook."""
     pictures = {
         "Binder": "https://mybinder.org/badge_logo.svg",
         "Colab": "https://colab.research.google.com/assets/colab-badge.svg",

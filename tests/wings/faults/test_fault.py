@@ -258,9 +258,9 @@ def test_slip_far_above_the_cut_off_of_the_direct_effect(v1):
 def test_a_state_of_another_fault_is_refused():
     first, second = small(), small(b2=0.0, dc2=1.0)._replace(b2=np.full(50, 0.001), dc2=np.full(50, 5e-3))
     for fault, other in ((first, second), (second, first)):
-        with pytest.raises(ValueError, match=r"state variable.*, but the fault [12]: use a state of this fault"):
+        with pytest.raises(ValueError, match=r"state variable.*, but the fault has [12]: use a state of this fault"):
             friction.simulate_fault(fault, 1.0, start=initial_state(other))
-        with pytest.raises(ValueError, match=r"state variable.*, but the fault [12]: use a state of this fault"):
+        with pytest.raises(ValueError, match=r"state variable.*, but the fault has [12]: use a state of this fault"):
             perturbed_state(fault, initial_state(other), 0.1)
     broken = initial_state(second)._replace(log_state2=np.full(50, np.nan))
     with pytest.raises(ValueError, match="log_state2 of the state is not an array of 50 finite numbers"):
@@ -540,7 +540,7 @@ def test_bad_lengths_and_recordings():
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(stations=(6e3,)))
     with pytest.raises(ValueError, match="use a larger one"):
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(threshold=1e-9))
-    with pytest.raises(ValueError, match="the state has 50 cells, but the fault 100"):
+    with pytest.raises(ValueError, match="the state has 50 cells, but the fault has 100"):
         friction.simulate_fault(small(50.0), 1.0, start=initial_state(small()))
     with pytest.raises(ValueError, match="stress must be positive and finite, got -1 Pa"):
         initial_state(small(), stress=-1.0)
@@ -607,7 +607,7 @@ def test_earthquakes_are_simulated_where_cut_offs_allow_them():
     assert events({"v1": 1e-10}, 0.2) > 0
     assert events({"v1": 1e-7}, 0.2, 25.0) == 0
     assert (
-        "a disturbance can make it an earthquake"
+        "a disturbance can turn it into an earthquake"
         in friction.nucleation(small(a=0.020, form="logarithmic", v1=1e-7)).sentence
     )
     assert events({"v1": 1e-7}, 8.0) > 0

@@ -74,7 +74,7 @@ def test_parts_and_states_of_the_earlier_kernel_are_refused(tmp_path, monkeypatc
     with monkeypatch.context() as now:
         now.setattr(room, "simulate_fault", earlier)
         history = room.simulate_cycles(short, folder=tmp_path).history
-    with pytest.raises(ArchiveError, match="slip that is uniform in each cell, and faults now have band-limited slip"):
+    with pytest.raises(ArchiveError, match="slip that is uniform in each cell, but faults now have band-limited slip"):
         room.simulate_cycles(short, folder=tmp_path)
     with pytest.raises(ValueError, match="uniform slip in each cell, but faults now have band-limited slip"):
         true(history.fault, 2.0, start=history.state)
@@ -91,7 +91,7 @@ def test_files(folder):
 def test_the_table_of_events_has_moments_and_magnitudes(folder, result):
     """The file, the archive and the measures are those of the result; without a length along strike there are none."""
     notes = [line for line in (folder / "events.csv").read_text().splitlines() if line.startswith("#")]
-    assert "# moments and magnitudes are those of a length along strike of 10000 m" in notes
+    assert "# moments and magnitudes are for a length along strike of 10000 m" in notes
     assert any(note.startswith("# The first event, after 8.9") for note in notes)
     table, events = pd.read_csv(folder / "events.csv", comment="#"), result.history.events
     assert np.allclose(table["seismic_moment [N m]"], 1e4 * events.moment, rtol=1e-11)

@@ -401,7 +401,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD, {}, "the stiffness is missing"),
         (GOOD, {"law": "slow"}, "law must be 'aging' or 'slip', got 'slow'"),
         (GOOD, {"noise": "pink"}, "noise must be 'correlated' or 'white', got 'pink'"),
-        (GOOD, {"fixed": {"k": 1.0}}, "'k' is not a parameter; these are a, b, dc"),
+        (GOOD, {"fixed": {"k": 1.0}}, "'k' is not a parameter; parameters are a, b, dc"),
         (GOOD, {"fixed": {"stiffness": 1.0}, "free": ("stiffness",)}, "stiffness cannot be both fixed and free"),
         (GOOD, {"fixed": {"stiffness": -1.0}}, "stiffness = -1.0 was fixed"),
         (GOOD, {"free": ("stiffness", "alpha")}, "the normal stress never changes"),

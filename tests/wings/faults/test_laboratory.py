@@ -462,7 +462,7 @@ def test_every_column_is_in_a_group_and_pore_pressure_makes_the_stress_effective
     groups = record_columns(path)
     assert any(name.startswith(heading) for name in groups[group]) and sum(map(len, groups.values())) == 5
     assert (group == "not understood") == any("unknown columns, not used" in str(w.message) for w in caught)
-    assert (friction == 0.6) == any("is made effective" in str(w.message) for w in caught)
+    assert (friction == 0.6) == any("pore pressure was subtracted" in str(w.message) for w in caught)
     assert any("may change the effective" in name for name in groups[group]) == ("MPa" in heading and friction < 0.5)
 
 
@@ -470,11 +470,11 @@ def test_pore_pressure_of_named_columns(tmp_path):
     """Found by its own heading; a stress that is effective already is left as it is."""
     path = written(tmp_path / "a.csv", "a, b, c, d, Pp (MPa)", [f"{k}, {k}, 3, 15, 10" for k in range(12)])
     names = {"time [s]": "a", "load_point [um]": "b", "shear_stress [MPa]": "c"}
-    with pytest.warns(UserWarning, match="is made effective"):
+    with pytest.warns(UserWarning, match="pore pressure was subtracted"):
         assert np.allclose(read_record(path, columns=names | {"normal_stress [MPa]": "d"}).friction, 0.6)
     assert np.allclose(read_record(path, columns=names | {"effective_normal_stress [MPa]": 3}).friction, 0.2)
     kept = written(tmp_path / "b.csv", f"{PORES}, friction, pp [MPa]", [f"{k}, {k}, 3, 15, 0.5, 10" for k in range(12)])
-    with pytest.warns(UserWarning, match="friction is that of the record"):
+    with pytest.warns(UserWarning, match="friction is used as recorded"):
         record = read_record(kept)
     assert np.allclose(record.friction, 0.5) and np.allclose(record.normal_stress, 5e6)
 

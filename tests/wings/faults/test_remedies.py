@@ -86,7 +86,7 @@ def test_a_stiffness_that_is_a_quarter_off_is_told_with_both_values(tmp_path, la
 def test_the_unit_of_the_displacement_is_the_other_candidate(tmp_path, lab, factor, size):
     record = lab._replace(load_point=factor * lab.load_point)
     (said,) = [line for line in fit_report.doubts(found_in(tmp_path, record)) if "contradicts" in line]
-    assert f"or displacements are 1000 times too {size} (the unit of load_point, or of --velocity)" in said
+    assert f"or displacements are 1000 times too {size} (wrong unit of load_point, or of --velocity)" in said
     assert "friction, 0" not in said
 
 

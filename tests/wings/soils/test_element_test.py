@@ -821,7 +821,7 @@ def test_a_laboratory_s_test_is_laid_over_a_run_which_is_not_repeated(tmp_path, 
     assert code == 2 and "none.csv cannot be read" in said.err and not (tmp_path / "out").exists()
     table_of(tmp_path / "other.csv", ["axial strain [%]", "q [kPa]"], -LOADED, -1e-3 * DEVIATOR)
     code, said = run("--compare", "other.csv")
-    assert code == 2 and "other.csv is a test in extension, and path.strain in compression" in said.err
+    assert code == 2 and "other.csv is a test in extension, but path.strain is in compression" in said.err
     code, said = run("--compare", "mine.csv")
     assert code == 0 and "Largest deviatoric stress: 250 kPa at an axial strain of 0.001" in said.out
     assert (tmp_path / "out" / "fig8_laboratory.png").is_file()

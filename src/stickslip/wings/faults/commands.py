@@ -26,7 +26,7 @@ class ModelOptions(NamedTuple):
 
     law: Annotated[str, typer.Option("--law", help="aging, slip or both.", autocompletion=complete_from(LAWS))] = "both"
     stiffness: Annotated[
-        float | None, number_option("--stiffness", help="Known stiffness, friction per displacement [1/m].")
+        float | None, number_option("--stiffness", help="Known stiffness, as friction per displacement [1/m].")
     ] = None
     free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Also fit the stiffness.")] = False
     v0: Annotated[
@@ -43,7 +43,7 @@ class ModelOptions(NamedTuple):
     ] = "logarithmic"
     free: Annotated[
         str | None,
-        typer.Option("--free", help="Others to fit: 'b2,dc2' (a second state), 'v1', 'trend_length', 'drift' …"),
+        typer.Option("--free", help="Also fit these: 'b2,dc2' (a second state), 'v1', 'trend_length', 'drift' …"),
     ] = None
 
     def fixed_values(self) -> dict[str, float]:

@@ -18,7 +18,7 @@ from ...kit import (
 )
 
 METHODS = {
-    "auto": "the fastest growth; of many grains only in equilibrium", "none": "no spectrum", "fastest": "always",
+    "auto": "the fastest growth; for many grains only in equilibrium", "none": "no spectrum", "fastest": "always",
     "all": "all complex pairs", "dense": "all eigenvalues", "pairs": "all complex pairs",
 }  # fmt: skip
 LAW = r"""--law hertz_mindlin_reff \
@@ -50,7 +50,7 @@ def watch(
         ),
     ] = "auto",
     no_contacts: Annotated[
-        bool, typer.Option("--no-contacts", help="Ignore dumps of contacts; no contact has slipped.")
+        bool, typer.Option("--no-contacts", help="Ignore dumps of contacts, as if none had slipped.")
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table and the page.")] = False,
     output: Output,
@@ -59,9 +59,9 @@ def watch(
     """Follow the dumps of a running LAMMPS simulation: stress, contacts, softest mode and fastest pair of each frame.
 
     Each complete frame becomes a row of a table, in the terminal and as CSV; a page that reloads itself shows charts.
-    Frames in the table are not computed again. Without --once or --until-idle, ctrl-C ends it. --contacts may be a
-    pattern of names in DIR; by default all dumps of contacts there are used. `stickslip docs lammps` describes the
-    required output of LAMMPS.
+    Frames in the table are not computed again. Without --once or --until-idle, ctrl-C ends the watch. --contacts may
+    be a pattern of names in DIR; by default, all dumps of contacts there are used. `stickslip docs lammps` describes
+    the required output of LAMMPS.
     """
     check_choice("method", method, METHODS)
     if once and until_idle is not None:

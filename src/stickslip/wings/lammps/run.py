@@ -81,7 +81,7 @@ def require_lammps(ranks: int = 1) -> None:
 def load_error() -> str:
     """Return the error raised when the LAMMPS library is loaded, for example if MPI is missing.
 
-    Empty without an error.
+    The text is empty if there was no error.
     """
     loaded = run_lammps()
     return error_line(loaded) if loaded.returncode else ""
@@ -125,7 +125,7 @@ def error_line(run: subprocess.CompletedProcess) -> str:
 
 
 def last_error(*texts: str) -> str:
-    """Return the last error line, or else the last line; empty without any."""
+    """Return the last error line, or else the last line; empty if there is none."""
     lines = [line.strip() for text in texts for line in text.splitlines() if line.strip()]
     wrong = [line for line in lines if "ERROR" in line or "Error" in line or "Exception" in line]
     return (wrong or lines or [""])[-1][:SHOWN]
@@ -139,7 +139,7 @@ LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # pattern of a line of t
 def run_in_lammps(
     state: State, law: Law, steps: int, dt: float, *, drag: float = 0.0, samples: int = 1, ranks: int = 1
 ) -> tuple[State, ...]:
-    """Run a state with its contact memory in LAMMPS; return states with theirs, the last of which is the end.
+    """Run a state with its contact memory in LAMMPS; return states with theirs, the last at the end of the run.
 
     Walls may be fixed or driven, and rigid groups held, driven, loaded or pulled by springs. Cells may be periodic,
     sheared, or have lengths that follow a stress. LAMMPS integrates slip as `run` does with ``slip_update="rate"``; it
@@ -152,9 +152,9 @@ def run_in_lammps(
     samples : int, number of states, evenly spaced in time
     ranks : int, number of MPI processes
 
-        Raises
-        ------
-        ScenarioError
+    Raises
+    ------
+    ScenarioError
         if LAMMPS cannot run these conditions exactly, or if there are fewer cores than ranks
     MissingExtraError
         if LAMMPS, its package GRANULAR or mpirun is missing
@@ -184,9 +184,9 @@ def lammps_engine(ranks: int = 1) -> Engine:
     ----------
     ranks : int, number of MPI processes
 
-        Raises
-        ------
-        MissingExtraError
+    Raises
+    ------
+    MissingExtraError
         if LAMMPS, its package GRANULAR or mpirun is missing
     ScenarioError
         if there are fewer cores than ranks

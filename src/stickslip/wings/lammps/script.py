@@ -255,7 +255,7 @@ def motion_commands(leg: Leg) -> str:
     gravity = leg.state.control.gravity
     if gravity.any():
         lines.append(f"fix gravity all gravity {digits(np.linalg.norm(gravity))} vector {digits(*gravity)}")
-    lines += _moving_cell(leg).before  # must come first: its forces on grains are those of contacts and gravity only
+    lines += _moving_cell(leg).before  # must come first: it uses forces that are due to contacts and gravity only
     lines += _drag_commands(leg) if leg.drag else []
     lines += _plate_commands(leg)
     disc = " disc" if leg.state.cell.dim == 2 and abs(inertia_factor(leg.state) - SPHERE) > 1e-6 else ""

@@ -2,8 +2,8 @@
 
 A cell may also follow a stress. LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. It
 moves grains with their laboratory velocities u = v + L x at mid-step, where v are the velocities used here. The effect
-of the cell on the grains is therefore applied as a force of `fix addforce`. It takes u of one step to that of the next
-(⁺), through v at the end of the step:
+of the cell on the grains is therefore applied as a force of `fix addforce`. This force takes u of one step to u⁺ of the
+next, through v at the end of the step:
 
     v = σ (T ((1 + ½ dt L) u − L x) + ½ dt F/m),    u⁺ = K⁺ (T⁺ (κ v + ½ dt F/m) + L⁺ x),
 
@@ -63,7 +63,7 @@ def is_held(state: State, members: np.ndarray) -> bool:
 
 
 def leg_course(leg: Leg, column: int, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Knots of a varying velocity, with both ends of the leg: times from the start of the leg, and values."""
+    """Knots of a varying velocity, including both ends of the leg: times since the start of the leg, and values."""
     control, begin, end = leg.state.control, leg.state.time, leg.state.time + elapsed
     times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
     return times, np.interp(times, control.knots, control.course[:, column])
@@ -120,7 +120,7 @@ def cell_commands(leg: Leg, turning: float = 0.0) -> CellCommands:
 
     Parameters
     ----------
-    turning : drag of the grains by another fix, which the forces compensate [1/time]
+    turning : drag on the grains by another fix, for which the forces compensate [1/time]
     """
     start, dt, axes = driven_bodies(leg.state).rate, digits(leg.dt), free_axes(leg.state)
     places = np.argwhere(leg.state.control.cell_free | (start != 0)).tolist()
@@ -320,7 +320,7 @@ def check_law(law: Law, state: State) -> None:
             f"hertz_mindlin_reff, {STAY}"
         )
     if builtin.rescales(law) and len(state.walls.mass):
-        raise ScenarioError(f"LAMMPS has other torques at walls under a rescaled law: {STAY[3:]}")
+        raise ScenarioError(f"LAMMPS computes different torques at walls under a rescaled law: {STAY[3:]}")
 
 
 def name_with_radius(law: Law) -> str:

@@ -170,7 +170,7 @@ def watch(
 
     Parameters
     ----------
-    once : end after the frames present at the beginning, in the order of their steps
+    once : compute only the frames present at the beginning, in the order of their steps
     until_idle : end when all frames are computed and no output has appeared for this time [s]; None: never
 
     Raises

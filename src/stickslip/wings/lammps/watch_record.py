@@ -219,7 +219,7 @@ def write_rows(path: Path, rows: dict[int, Row], how: dict) -> None:
 
 
 def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Row]:
-    """Rows of an earlier watch, except those that could not be computed; empty without a table.
+    """Rows of an earlier watch, except those that could not be computed; empty if there is no table.
 
     Raises
     ------
@@ -273,7 +273,7 @@ def _words(row: Row) -> list[str]:
 
 @contextmanager
 def screen() -> "Iterator[_Live | _Lines]":
-    """Context manager for display of progress: `show(done)`, and `report` for one frame."""
+    """Context manager for the display of progress: `show(done)`, and `report` for one frame."""
     if terminal.can_redraw() and console.width >= NARROW:
         with Live(console=console, refresh_per_second=4) as live:
             yield _Live(live)

@@ -1,8 +1,8 @@
 """Contact status under a load rate, including contacts without force that open or have just closed.
 
-A disk without force at any contact is released as a body, and grains joined by beams are released together. It stays
-released if all of its contacts open in the smallest motion with which it follows its neighbours. Otherwise it carries
-load again.
+A disk without force at any contact is released as a body, and grains joined by beams are released together. A body
+stays released if all of its contacts open in the smallest motion with which it follows its neighbours. Otherwise it
+carries load again.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, which leaves the question open.
 """
@@ -55,9 +55,7 @@ from .system import (
     rolling_motions,
 )
 
-COMBINED = (
-    3  # number of bodies up to which all combinations of released ones are tried; each needs a factorisation of k
-)
+COMBINED = 3  # most bodies for which all combinations of released bodies are tried; each needs a factorisation of k
 
 
 class ReducedMap(NamedTuple):
@@ -173,7 +171,7 @@ def decide_statuses(
 def _open_all(search: _Search) -> ApexStatuses | None:
     """Statuses with which all contacts of spheres at the apex open, or None if these are not consistent.
 
-    A sphere that is left with two contacts may roll, so its other contacts open.
+    A sphere left with two other contacts may roll about the line through both, which can open its contacts at the apex.
     """
     matrix, apex = search.matrix, search.apex
     c = sparse.csr_array(matrix.c * ~np.repeat(apex, 3))
@@ -208,7 +206,7 @@ def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
 
 
 def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
-    """Combinations that release all bodies except those that others would drag along; there may be more."""
+    """Combinations that release all bodies except those that others would drag along; others may exist."""
     while True:
         good, caught, _ = _choices_with_released(search, released)
         if good or not len(released):
@@ -217,7 +215,7 @@ def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
 
 
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
-    """Consistent (statuses, V, stable, motion) with released bodies, those that stay caught, and whether all are there.
+    """Consistent (statuses, V, stable, motion) with released bodies, those that stay caught, and whether all are found.
 
     A body may be dragged along by its smallest motion although another motion would release it; in that case, not all
     combinations were found.
@@ -232,7 +230,7 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
         map_of = reduce_to_contacts(
             rest, search.load, special, sign, geometric=search.geometric, without=loose, alone=search.alone
         )
-    except LinAlgError:  # without these bodies nothing supports the others: they have to carry load
+    except LinAlgError:  # the others are unsupported without these bodies, which therefore carry load
         return [], released, True
     answers, all_seen = _stable_statuses(map_of.apex)
     good, caught = [], np.zeros(0, int)
@@ -269,7 +267,7 @@ def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], boo
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
     """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies.
 
-    Grains that beams join have the row of the first of them, empty unless all are free to rotate.
+    Grains that beams join share the row of the first of them, which is empty unless all are free to rotate.
     """
     body, c = matrix.free.body, matrix.c.tocoo()
     out = np.zeros((int(body.max(initial=-1)) + 1, matrix.count), bool)
@@ -288,7 +286,7 @@ def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
 def _dragged_bodies(
     search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(B,) released bodies whose contacts close even if they follow their neighbours, and (n,) velocities if so."""
+    """Released bodies (B,) that close a contact even if they follow their neighbours, and this motion (n,)."""
     matrix, ours, motion = search.matrix, search.ours, velocity.copy()
     if not len(loose):
         return np.zeros(len(ours), bool), motion
@@ -319,7 +317,7 @@ def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
 
 
 def _owners(matrix: LinearSystem) -> np.ndarray:
-    """(n,) body of each coordinate, the first of those that beams join to it."""
+    """(n,) body of each coordinate; for bodies that beams join, the first of them."""
     body = matrix.free.body
     return body if matrix.unit is None else np.append(matrix.unit, len(matrix.unit))[body]
 
@@ -345,12 +343,12 @@ def contact_status(
     contact with a factor of k(S) itself. For up to 14 critical contacts, all statuses are enumerated unless A is a
     P-matrix: those with det k > 0 come first, and the absence of a status is proven. If many statuses are singular,
     solutions may exist within the error bounds although none balances the load under k(S) itself: then there is no
-    proof, and the verdict is NOT_FOUND. Beyond that, a proof of absence needs a Farkas certificate.
+    proof, and the verdict is NOT_FOUND. For more contacts, a proof of absence needs a Farkas certificate.
 
     A critical contact without force may also open (`ContactStatus.opens`), and in three dimensions it may slide in any
     direction. The status is then searched for as on a load path, and verified by the balance of the force rates that
-    the law itself gives at the velocities. The verdict is CONSISTENT, NEGATIVE or NOT_FOUND; there is no search for
-    others.
+    the law itself gives at the velocities. The verdict is CONSISTENT, NEGATIVE or NOT_FOUND; other
+    statuses are not searched for.
 
     Parameters
     ----------
@@ -372,7 +370,7 @@ def contact_status(
         )  # fmt: skip
     if matrix.rigid is not None:
         raise ValueError(
-            "rigid bonds and contacts without force exclude each other, as their opening is not decided: use "
+            "rigid bonds and contacts without force exclude each other, as it is not decided which open: use "
             "linear_system(..., bonds='elastic')"
         )
     mask = np.isin(np.arange(matrix.count), numbers)

@@ -38,11 +38,11 @@ BLOCK, SAMPLE = 5000, 25  # steps between checks of the packing, and between sam
 DURATION, TRAVEL = 1e5, 5.0  # default limits of time, in natural units, and of displacement, in mean diameters
 RESTING = (1e-6, 1e-8)  # residuals over the mean normal force at which Newton's method is tried
 BALANCED = 5e-11  # tolerance of Newton's method, over the mean normal force
-ROUND_OFF = 1e-15  # round-off of a stiff spring's force, over its force at an elongation of the size of the packing
-FAR = 1e3  # largest distance by which it may move grains, over the overlap that changes a force by the residual
+ROUND_OFF = 1e-15  # round-off of a stiff spring's force, over its force at an elongation as long as the packing
+FAR = 1e3  # largest motion due to Newton's method, over the overlap that changes a force by the residual
 NULL = 1e-9  # fraction of the largest stiffness below which an eigenvalue belongs to an unresisted motion
 RANK = 1e-8  # singular value below which modes are parallel
-DENSE_BELOW, NEAREST = 1200, 12  # most coordinates for which all modes are computed, and number of modes beyond
+DENSE_BELOW, NEAREST = 1200, 12  # most coordinates for which all modes are computed, and number computed beyond
 
 
 @readable(
@@ -57,8 +57,8 @@ class Collapse(NamedTuple):
     load: float  # load at which the path ended, in legs
     reason: str  # reason for the end of the path
     held: float  # load during the motion, slightly higher, in legs
-    quiet: bool  # True if the motion is no larger than before for this load change: there was no collapse
-    rests: bool  # True if an equilibrium was found; otherwise numbers are those of the state where dynamics ended
+    quiet: bool  # True if the motion is no larger than before such a change of load, so there was no collapse
+    rests: bool  # True if an equilibrium was found; otherwise numbers describe the state where dynamics ended
     duration: float  # [time]
     steps: int  # number of steps of dynamics
     largest: float  # displacement of a grain, relative to the deformation of the cell [length]

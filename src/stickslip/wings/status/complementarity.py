@@ -37,7 +37,7 @@ class Complementarity(NamedTuple):
 
     matrix: np.ndarray  # (Mc, Mc) A
     vector: np.ndarray  # (Mc,) q
-    matrix_error: float = 0.0  # error of entries of A beyond their round-off, such as that of solving with k₀
+    matrix_error: float = 0.0  # error of entries of A beyond their round-off, such as the error of solving with k₀
     vector_error: float = 0.0  # likewise for q
 
 
@@ -226,8 +226,8 @@ def lemke(problem: Complementarity) -> np.ndarray | None:
 
 MAPPED = 14  # largest number of contacts for enumeration of all statuses (16,384)
 AT_ONCE = 2048  # statuses solved together; more would not fit into the cache
-SURE = 0.1  # largest error of the entries of A_SS over that which would make it singular
-SAME = 1e-6  # fraction of the largest rate within which two solutions are equal: half of the digits
+SURE = 0.1  # largest error of the entries of A_SS over the error that would make A_SS singular
+SAME = 1e-6  # fraction of the largest rate within which two solutions count as equal: half of the digits
 BLUR = 10.0  # factor on the error bounds for null vectors and quantities derived from them
 
 
@@ -317,8 +317,8 @@ def _batched_matvec(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 def enumerate_solutions(problem: Complementarity, again: Callable | None = None) -> AllSolutions:
     """Find all solutions and rays, for at most 14 critical contacts.
 
-    Of several statuses with the same rates, for which a contact is on a boundary, only one is returned, preferably one
-    with det A_SS > 0.
+    If a contact is on a boundary, several statuses have the same rates; only one is returned, preferably one with
+    det A_SS > 0.
 
     Parameters
     ----------
@@ -363,7 +363,7 @@ def _solution_in_units(problem: ScaledProblem, end: Solution) -> Solution:
 
 
 class SolutionFace(NamedTuple):
-    """Quantities at + turn t ≥ 0 on the null space of a singular status: λ of sliding contacts, w of the others."""
+    """Quantities `at` + `turn` t ≥ 0 on the null space of a singular status: λ of sliding contacts, w of others."""
 
     slides: np.ndarray  # (Mc,) bool
     at: np.ndarray  # (Mc,)
@@ -385,7 +385,7 @@ def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
     at = np.where(slides, 0.0, a @ slip + q)
     turn = np.where(slides[:, None], 0.0, a @ right)
     at[slides], turn[slides] = slip, right
-    # errors of null vectors are the errors of A over the next singular value
+    # errors of null vectors are the errors of A divided by the next singular value
     spread = BLUR * max(1.0, np.linalg.norm(inverse))
     at_error = spread * (error @ np.abs(slip) + problem.vector_error + error.max())
     missed_error = BLUR * np.abs(left.T) @ problem.vector_error[slides]

@@ -34,7 +34,7 @@ SIDE = np.array([0.0, 1.0, -1.0, 0.0])  # s of each status
 ROUNDS = 60  # largest number of iterations before pieces are followed one by one
 PIECES = 4000  # largest number of pieces followed
 ENUMERATED = 4096  # largest number of combinations of statuses enumerated
-HELPING = 1e-4  # fraction of their spring stiffness that disks keep while pieces without support are followed
+HELPING = 1e-4  # fraction of the spring stiffness that disks without other support keep while pieces are followed
 SINGULAR = 1e12  # condition number of a piece beyond which it is treated as singular
 SAME = 1e-6  # fraction of the largest velocity within which two velocities are equal
 SLACK = 1e-9  # fraction of the largest velocity below which a velocity may have either sign
@@ -146,7 +146,7 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
 
 
 def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
-    """Assign every contact the status of its cell until convergence; None without convergence."""
+    """Assign every contact the status of its cell until convergence; None if it is not reached."""
     seen = set()
     for _ in range(ROUNDS):
         if now.tobytes() in seen:
@@ -180,7 +180,7 @@ def solve_piece(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
 def follow_pieces(apex: Apex) -> StatusSolution:
     """Follow pieces from g(V₀) towards V₀ in the image of g; where det k changes sign, the path turns back.
 
-    Nothing is found if the path runs to infinity, without a consistent combination of statuses on it.
+    Nothing is found if the path runs to infinity without meeting a consistent combination of statuses.
     """
     nothing = StatusSolution(None, None, "along the pieces")
     here, size = apex.velocity.copy(), apex.velocity.size
@@ -300,7 +300,7 @@ def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
 
 @checked
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
-    """Find all consistent statuses by enumeration, and test if det k has the same sign for all combinations.
+    """Find all consistent statuses by enumeration, and test whether det k has the same sign for all combinations.
 
     Combinations with the same velocities, which lie on a boundary of their cells, count once. The limit is 4096.
 
@@ -348,8 +348,8 @@ def status_on_round_cones(apex: Apex) -> tuple[StatusSolution, int]:
     Returns
     -------
     StatusSolution, int
-        verified: S V is the rate of the return mapping. Sign of the determinant of the derivative of g, which equals
-        that of det k/det k₀; 0 if nothing is found, which proves nothing
+        verified: S V is the rate of the return mapping. The integer is the sign of the determinant of the derivative
+        of g, which equals that of det k/det k₀; 0 if nothing is found, which proves nothing
     """
     count, touches = len(apex.sign), apex.sign == 0
     starts = [apex.velocity]

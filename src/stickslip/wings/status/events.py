@@ -24,9 +24,9 @@ from .complementarity import SLACK
 from .matrices import contact_frames, joined_bodies
 from .status import ContactStatus
 
-NUDGE = 1e-12  # gap, in radii, to which rattlers are pushed aside, and overlap of a new contact
+NUDGE = 1e-12  # gap to which rattlers are pushed aside, and overlap of a new contact, over the radius
 ROUNDS = 30  # iterations of pushing, since directions change
-NEAR = 30.0  # gap, in deepest overlaps, within which a pair may close while rattlers move
+NEAR = 30.0  # gap over the deepest overlap, within which a pair may close while rattlers move
 BALANCED = 1e-8  # residual of a force balance, for forces of size 1
 ROTATIONS = {2: [2], 3: [0, 1, 2]}  # axes about which grains rotate
 TURNS = 2 * np.pi * np.arange(12) / 12
@@ -205,10 +205,10 @@ def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
     return state._replace(contacts=contacts._replace(mode=modes, slip=slip, pair=pair, roll=roll))
 
 
-APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
-NEAR_APEX = 1e-4  # normal force, in mean normal forces, below which a linear step reaches the apex to within APEX
+APEX = 1e-6  # normal force over its mean, at which a contact is at the apex of the cone
+NEAR_APEX = 1e-4  # normal force over its mean, below which a linear step reaches the apex to within APEX
 NEAR_CONE = 1e-5  # distance from the cone over the normal force, below which a linear step reaches the cone
-APPROACH = 0.9  # fraction of the distance to an event that a linear step would miss, after which c is recomputed
+APPROACH = 0.9  # fraction of the distance to an event, which a linear step would miss, after which c is recomputed
 TOGETHER = 1e-9  # fraction of an increment within which events are simultaneous
 NEAR_BREAK = 1e-5  # margin of a bond, relative to its strength, below which a linear step breaks it
 REACHES, CLOSES, AT_APEX, NEARS, INCREMENT, BREAKS = (

@@ -41,17 +41,17 @@ from .status import ContactStatus, Verdict, status_of_critical
 from .system import RESIDUAL, external_force, lowest_eigenvalue, pinned_coordinates, regular_stiffness
 from .uniqueness import certificate
 
-AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
-BLURRED = 10.0  # force over the unbalanced one, below which disks with two contacts are not checked against the cone
-CROWD = 200  # number of events without progress of the load after which a path ends; no real avalanche was as large
-OUT_OF_BALANCE = 1e-4  # in mean normal forces, beyond which an increment is halved; loads of events are as accurate
-BALANCED = 1e-10  # residual, in mean normal forces, after balancing; far below the force of a contact at the apex
-TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches; below the error due to APEX
-STRAYS = 1e-3  # in mean normal forces, estimated error of forces beyond which an increment of spheres is halved
-BRACKET = 1e-3  # fraction of an increment within which the load is found at which a sliding contact in 3D sticks again
-CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth
-LEAST = 0.01  # smallest force to which those of a packing with bonds are compared, over the largest external force
-UNLOADED = 1e-9  # the same, over the force that stretches its stiffest contact or bond by a diameter: for round-off
+AT_CONE = 1e-10  # round-off of the distance from the cone over the mean normal force, for condition numbers of k of 1e5
+BLURRED = 10.0  # force over the unbalanced force, below which disks with two contacts are not checked against the cone
+CROWD = 200  # number of events without progress in load after which a path ends; no observed avalanche was as large
+OUT_OF_BALANCE = 1e-4  # unbalanced over mean force beyond which increments are halved; event loads are as accurate
+BALANCED = 1e-10  # residual over the mean normal force after balancing; far below the force of a contact at the apex
+TOUCHES = 1e-7  # gap up to which a pair touches, as a force over the mean normal force; below the error due to APEX
+STRAYS = 1e-3  # estimated error of forces, over the mean normal force, beyond which an increment of spheres is halved
+BRACKET = 1e-3  # error of the load at which a sliding contact in 3D sticks again, as a fraction of an increment
+CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth of the residual
+LEAST = 0.01  # smallest force to which forces of a packing with bonds are compared, over the largest external force
+UNLOADED = 1e-9  # likewise over the force that stretches the stiffest contact or bond by a diameter, for round-off
 LOOK = 0.01  # fraction of a leg after which other statuses are searched for; c changes little within it
 NO_P_MATRIX = "the status is no longer unique for every load"
 NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
@@ -112,7 +112,7 @@ class Increment:
     def _decide_at_apex(self, place: PathState) -> None:
         """Decide whether contacts without force open, stick or slide; bodies without contact forces are released.
 
-        All contacts without force are decided together; decisions made one after the other could undo each other.
+        Statuses of contacts without force are decided together; decisions made one by one could undo each other.
         """
         before, place = place, self._with_touching_pairs(place)
         self._set_state(place)
@@ -320,8 +320,8 @@ class Increment:
     def _compare_rates(self, place: PathState, slides: np.ndarray, done: float) -> None:
         """Estimate the error of a piece in three dimensions, where directions turn, from the rates at both ends.
 
-        It is half the difference times the piece. If the slip of a contact has changed its sign, the piece is halved
-        until the load at which this happens is known to a fraction BRACKET of an increment.
+        The estimate is half the difference times the piece. If the slip of a contact has changed its sign, the piece is
+        halved until the load at which this happens is known to a fraction BRACKET of an increment.
         """
         after, (step, rate) = _increment_matrices(place, self.law), self.ahead
         if not np.array_equal(place.state.contacts.key[after.rows], self.state.contacts.key[self.matrix.rows]):
@@ -378,7 +378,7 @@ class Increment:
 
 
 def force_scale(state: State, law: Law, *loads: np.ndarray) -> float:
-    """Force to which others are compared: the mean normal force, with bonds at least a share of external loads (n,)."""
+    """Force to which others are compared: the mean normal force; with bonds, at least a share of the loads (n,)."""
     mean = mean_normal_force(state, law)
     if not state.bonds:
         return mean
@@ -390,8 +390,8 @@ def force_scale(state: State, law: Law, *loads: np.ndarray) -> float:
 def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
     """(n,) unbalanced force of a state.
 
-    Forces on rattlers, which are moved aside, those within clusters of them, and forces of parted pairs with a small
-    overlap are excluded.
+    Excluded are forces on rattlers, which are moved aside, forces within clusters of rattlers, and forces of parted
+    pairs with a small overlap.
     """
     state, count = without_bonds_of(place.state, place.loose), int(place.state.contacts.count[0])
     out = residual_vector(state, forces(state, law)[0], free)

@@ -20,7 +20,7 @@ is at R − δ from the centre of the disk, while the disk itself has the lever 
 its surface at this point moves with velocity Ω a n. The torque of (F_n, F_t) on the wall is therefore −a F_n, without a
 contribution from F_t. n and t rotate with the wall, dn = −Ω t and dt = Ω n, and da = (v_i − v_w)·t + (R − δ) Ω; this is
 the contribution to the geometric stiffness −(dc/dt) F. `displaced` moves such walls, but does not rotate them. With
-lever arms R, the rigid rotation of the whole causes slip comparable to the overlap: vᵀkv/vᵀv is not zero, but of the
+lever arms R, a rigid rotation of the packing causes slip comparable to the overlap: vᵀkv/vᵀv is not zero, but of the
 order of the squared overlap over the squared size of the packing.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III, with the errata given in the
@@ -115,9 +115,9 @@ def linear_system(
 ) -> LinearSystem:  # fmt: skip
     """Compute the matrices of an accepted state.
 
-    Intact bonds are constraints, or springs. A rigid bond neither stretches nor, as far as it has the stiffnesses,
-    shears, bends or twists: B v = 0 with the rates of these deformations. Grains that are joined by bonds which resist
-    everything move as one, and contacts between them neither slide nor open. Under a load, velocities are those of
+    Intact bonds are constraints, or springs. A rigid bond neither stretches nor, if it has the stiffness for
+    it, shears, bends or twists: B v = 0 with the rates of these deformations. Grains joined by bonds that resist all
+    of these move as one, and contacts between them neither slide nor open. Under a load, velocities are those of
     elastic bonds in the limit of infinite stiffness; forces that bonds carry turn with them.
 
     Parameters
@@ -146,7 +146,7 @@ def linear_system(
         rows = rows[state.contacts.mode[rows] != OPEN]
     stuck = state._replace(contacts=state.contacts._replace(mode=modes))
     line = linearise(stuck, law)
-    parted = ~line.normal[rows].any(axis=1)  # contacts with memory that do not overlap, to the last digits
+    parted = ~line.normal[rows].any(axis=1)  # contacts with memory that do not overlap, to round-off
     loose = _excluded_bodies(state, rattlers, rows[parted])
     kept = ~(loose[state.contacts.i[rows]] | loose[state.contacts.j[rows]])
     rows, parted = rows[kept], parted[kept]
@@ -202,10 +202,10 @@ def joined_bodies(state: State) -> np.ndarray:
 
 
 def loose_grains(state: State, known: np.ndarray | None = None, *, loaded: bool = True) -> np.ndarray:
-    """(N,) bool: rattlers as for two supports, where grains that beams join count as one body.
+    """(N,) bool: rattlers, which have fewer than two supports; grains that beams join count as one body.
 
-    Those that beams join around a periodic cell are not rattlers, and contacts with their own images support others.
-    In a packing with bonds, those that carry an external load count as supported unless `loaded`.
+    Grains that beams join around a periodic cell are not rattlers, and contacts with images of the same body count as
+    supports. In a packing with bonds, grains that carry an external load count as supported unless `loaded`.
     """
     if not state.bonds:
         return rattlers_of(state, 2, known)
@@ -300,10 +300,10 @@ def rigid_motions(state: State, free: Freedom) -> sparse.csr_array:
 
 
 def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:
-    """(K, n) rates of deformation of intact bonds: stretching and, with stiffness, shear, bending and twisting.
+    """(K, n) rates of deformation of intact bonds: stretching and, if resisted, shear, bending and twisting.
 
     Shear is the velocity of i relative to j at the point where the shear force acts (see `core/contacts/bonds.py`);
-    rotations are over the inverse of the bond's length, so all rates are velocities.
+    rotations are multiplied by the bond's length, so all rates are velocities.
     """
     bonds, count, dim = state.bonds, int(state.contacts.count[0]), state.cell.dim
     held = np.flatnonzero(bonds.intact)
@@ -346,7 +346,7 @@ def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarr
             )
         loose[:n] = rattlers
     elif not rattlers:
-        modes = state.contacts.mode.copy()  # some have parted, such as those of rattlers that a path moved aside
+        modes = state.contacts.mode.copy()  # some contacts have parted, such as those of rattlers moved aside by a path
         modes[parted] = OPEN
         loose[:n] = loose_grains(state._replace(contacts=state.contacts._replace(mode=modes)))
     return loose
@@ -396,9 +396,9 @@ def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: Li
 
 
 def _geometric_stiffness_in_plane(state: State, line: Linearisation, matrix: LinearSystem):
-    """(n, n) the same in two dimensions: (F_n t − F_t n)(t·dr)/|r|.
+    """(n, n) geometric stiffness in two dimensions: (F_n t − F_t n)(t·dr)/|r|.
 
-    It is free of the round-off of a difference, which may decide at forks of paths.
+    This form avoids the round-off of a difference, which could decide at a fork which path is taken.
     """
     rows, force, (normal, along) = matrix.rows, matrix.force, matrix.frame.transpose(1, 0, 2)
     turning = line.inverse[rows, None] * (force[:, :1] * along - force[:, 1:] * normal)
@@ -460,7 +460,7 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
 def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
     """(n, n) sparse c Γ cᵀ, the derivative of −f with respect to velocities; equal to −C for these statuses.
 
-    A sliding contact has no dashpot along t; its tangential force follows the normal one, dashpot included, by μ.
+    A sliding contact has no dashpot along t; its tangential force is μ times the normal force, dashpot included.
     """
     sliding = _status_of_all(matrix, sliding)
     damping = np.einsum("ma,ab->mab", matrix.damping[:, [0, 1, 1][: matrix.width]], np.eye(matrix.width))

@@ -48,7 +48,7 @@ from .status import Verdict
 from .system import driven_motions, external_force, lowest_eigenvalue, relax_clusters
 
 SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged rattlers then overlap by round-off
-SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
+SHRINKS = 0.9  # halving an increment continues while the ratio of imbalances after and before is at most this
 PROGRESS = 1e-5  # fraction of a leg; the load stalls if it rises by less in CROWD events and parts of increments
 RETURNS = "is wedged and carries load again"
 COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
@@ -56,9 +56,9 @@ OFFSET = 1e-4  # fraction of a leg, by which the load is raised so that a packin
 JUMP = 10.0  # a motion larger than the previous one by this factor, for the same load change, is a collapse
 CRAWLS = 1e-4  # fraction of an increment; the path ends after CROWD parts without events that are shorter than this
 PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
-ROUND_OFF = 1e-9  # of the forces of a state in which a bond breaks
+ROUND_OFF = 1e-9  # relative round-off of the forces of a state in which a bond breaks
 REMOVAL = 0.25  # largest share of the load of a broken bond that is removed between two updates of the geometry
-AGAIN = 5  # number of times that a disk is wedged on a path from which the path counts as dependent on the increment
+AGAIN = 5  # number of times a disk must be wedged before its path counts as dependent on the increment
 
 
 class PathPoint(NamedTuple):
@@ -81,7 +81,7 @@ class LoadPath(NamedTuple):
     alternatives: tuple[Fork, ...]  # loads at which other statuses were consistent, too
     unchecked: int  # number of times that uniqueness could not be decided because too many contacts were critical
     law: Law
-    collapses: tuple[Collapse, ...] = ()  # through which dynamics carried the packing, if a drag was given
+    collapses: tuple[Collapse, ...] = ()  # collapses through which dynamics carried the packing, with `drag`
 
     @property
     def complete(self) -> bool:
@@ -140,7 +140,7 @@ def load_path(
     instead, and a stiff spring drives a displacement (`with_machine`).
 
     Bonds are elastic springs, `linear_system(..., bonds="elastic")`: a state stores their loads as deformations, and
-    rigid bonds would have none. A bond breaks where its load reaches its strength, which is an event with the mode of
+    rigid bonds would have none. A bond breaks where its load reaches its strength; the event states the mode of
     failure. The path then passes its load on to other bonds, while the external load stays the same. Where no
     equilibrium continues the path, it ends or, with `drag`, continues by dynamics. Steps of `equilibrate` and slow
     dynamics of cemented boxes broke the same bonds (`tests/wings/status/test_cemented_path.py`).
@@ -160,7 +160,7 @@ def load_path(
     drag : on translations and rotations during a collapse; default: the path ends where stability is lost [1/time]
     duration : longest time of a collapse; default: 1e5 natural units (see `relax`) [time]
     travel : largest displacement of a body in a collapse; default: 5 mean diameters. If the packing is not at rest
-        within both, it flows, and the path ends [length]
+        within both limits, it flows, and the path ends [length]
     report : called as report(stage, share done, text) after every increment
 
     Raises
@@ -255,7 +255,7 @@ class _PathRecord:
         self.anchor, self.since = load, 0
 
     def raised_by(self, load: float, most: float) -> float:
-        """Share of a leg by which the load is raised, more if dynamics has just passed here without a collapse."""
+        """Share of a leg by which the load is raised; larger if dynamics has just passed here without a collapse."""
         last = self.collapses[-1] if self.collapses else None
         self.offset = min(2 * self.offset, most) if last and last.quiet and load < last.held + most else OFFSET
         return self.offset
@@ -353,7 +353,7 @@ def _break_events(load: float, broken: np.ndarray) -> list[Event]:
 def _break_weakest(place: PathState, law: Law, control: Control, load: float, way: _PathRecord) -> PathState:
     """State without the weakest bond, under a control to which forces are added that replace the loads of the bond.
 
-    Grains that it alone supported are rattlers from then on, and forces replace those of their contacts.
+    Grains supported by it alone are rattlers from then on, and forces replace those of their contacts.
     """
     before, strength = place.state, place.state.bonds.strength
     held = without_bonds_of(before, place.loose).bonds.intact
@@ -386,7 +386,7 @@ def _balancing_control(place: PathState, law: Law) -> Control:
 
 
 def _remove_load(place: PathState, leg: _Leg, share: float, way: _PathRecord) -> tuple[PathState, Verdict]:
-    """State after a bond broke, and those that break as its load is passed on to others, and the verdict."""
+    """State after a bond and those that break as its load is passed on have broken, and the verdict."""
     load, control, record = leg.number + share, between(leg.begin, leg.end, share), _PathRecord(way.points[-1], leg.law)
     place, record.anchor = _break_weakest(place, leg.law, control, load, record), load
     removal = _Leg(leg.law, place.state.control, control, load, 1, REMOVAL, leg.geometric, removes=True)
@@ -455,7 +455,7 @@ def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
     return PathPoint(load, state, int((modes == SLIDE).sum()), number, relative)
 
 
-BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
+BALANCED = 1e-6  # largest unbalanced force at the start, over the mean normal force
 
 
 def check_start(state: State, law: Law, legs, increment: float) -> None:

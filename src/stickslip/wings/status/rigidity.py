@@ -77,14 +77,14 @@ def rigid_clusters(
     Raises
     ------
     ValueError
-        If there are no contacts, if the law has no or smooth friction or resists rolling, or for spheres with
-        "pebbles".
+        If there are no contacts, if the law has no friction, smooth friction or rolling resistance, or for
+        spheres with "pebbles".
 
     Notes
     -----
     The null space of the constraint matrix A is sampled by random vectors, to which (AᵀA + εI)⁻¹ is applied four times
     with ε = 1e-12 and a sparse factor. The rank follows from the growth of det(AᵀA + εI) with ε. Two bodies move as one
-    in all motions if they do in these samples. A contact is overconstrained if a random vector of the left null space,
+    in all motions if they do in all samples. A contact is overconstrained if a random vector of the left null space,
     a self-stress, has a component at that contact. Motions that distort contacts by less than about 1e-4 of their
     amplitude cannot be distinguished from floppy ones.
 

@@ -52,8 +52,8 @@ from .uniqueness import (
 )
 
 ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
-ALIKE = 1e-6  # share of the largest rate up to which two statuses have the same rates
-SAME = 1e-7  # share of the largest force rate up to which forces of two statuses are the same: half the digits
+ALIKE = 1e-6  # largest difference, over the largest rate, between rates that count as the same
+SAME = 1e-7  # likewise for force rates of two statuses, over the largest force rate: half the digits
 
 
 class Verdict(Enum):
@@ -103,15 +103,15 @@ class Alternative(NamedTuple):
 class ContactStatus(NamedTuple):
     """Status of all contacts under a load rate, with velocities, a verdict and its justification.
 
-    `stable` is a statement on det k(S) alone: if it is False, a motion grows without oscillating. If it is True, none
-    does because of this status, but oscillations may grow, which the eigenvalues of `stability` show.
+    `stable` is a statement on det k(S) alone: if it is False, a motion grows without oscillating. If it is True, this
+    status causes no such motion, but oscillations may grow; the eigenvalues of `stability` show them.
     """
 
     verdict: Verdict
     sliding: np.ndarray  # (M,) bool
     critical: np.ndarray  # (Mc,) numbers of the contacts that may slide
     velocity: np.ndarray  # (n,) dq/d(load)
-    rate: np.ndarray  # (Mc,) Ṽ: slip rate of sliding contacts; others move away from the cone if it is negative
+    rate: np.ndarray  # (Mc,) Ṽ: slip rate of sliding contacts; the others move away from the cone if Ṽ is negative
     method: str  # "flip all", "principal pivoting", "Lemke" or "enumeration"
     solves: int  # factorisations and pivots
     stable: bool | None = None  # det k(S) has the sign of det k₀; None if it is zero to round-off, or not computed
@@ -287,7 +287,7 @@ def _enumerate(system: StatusSolver, problem: Complementarity, flipped: Verified
         if flipped is not None:
             return _make_status(system, Verdict.CONSISTENT, flipped, (), uniqueness)
         return _make_failure(system, Verdict.NOT_FOUND, None, uniqueness)
-    # stable ones first, and of these the one found by flipping
+    # stable statuses first, and among these the one found by flipping
     answers.sort(key=lambda a: (_stability_rank(a), not _same_rates(a, flipped)))
     verdict, first, others = _verdict(system, problem, answers), answers[0], answers[1:]
     if _same_rates(first, flipped):

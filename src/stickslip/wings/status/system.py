@@ -11,16 +11,16 @@ from ...modes import residual_vector
 from ...results import ContactLoads, Freedom
 from .matrices import LinearSystem, linear_system, stiffness_matrix
 
-# changed contacts up to which a factor is corrected and beyond which it is recomputed; at 3000 disks 48 cost the same,
-# but the result of a correction is verified with a new factor
+# changed contacts up to which a factor is corrected and beyond which it is recomputed; for 3000 disks, both cost
+# the same at 48, but the result of a correction is verified with a new factor
 FEW = 24
 RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
-NEUTRAL = 1e-9  # stiffness below which a cluster rolls without resistance, over that of contacts
+NEUTRAL = 1e-9  # stiffness, over that of contacts, below which a cluster rolls without resistance
 ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
 RELAXATIONS = 20  # largest number of Newton steps of bonded rattlers
-RELAXED = 1e-10  # unbalanced force of bonded rattlers over stiffness and radius; cutoff of rigid motions
+RELAXED = 1e-10  # unbalanced force of bonded rattlers over stiffness and radius; also the cut-off of rigid motions
 AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
-RANK = 1e-10  # share of the largest pivot of the rates that bonds forbid, below which one of them is redundant
+RANK = 1e-10  # share of the largest pivot below which a rate that bonds forbid is redundant
 CHECKED_UP_TO = 2500  # coordinates up to which the stability of a state is checked
 AT_ONCE = 16  # right-hand sides per call; more do not fit into the cache
 
@@ -29,8 +29,8 @@ class StatusSolver:
     """Velocities of a packing under one load rate, for any status of its critical contacts.
 
     Coordinates are in a fill-reducing order, which is computed once. The coordinates in `held` are fixed, in addition
-    to one for each free translation of the whole packing. Where rigid bonds forbid motions, B v = 0, as many
-    coordinates as B has rank follow the others, v = N z, and the equations are those of z: Nᵀ k(S) N z = Nᵀ b.
+    to one for each free translation of the whole packing. Where rigid bonds forbid motions, B v = 0, the
+    others determine as many coordinates as B has rank, v = N z, and the equations are those of z: Nᵀ k(S) N z = Nᵀ b.
     """
 
     def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
@@ -109,7 +109,7 @@ class StatusSolver:
         return self.expand(v), self.sees.T @ v
 
     def round_off(self, velocity: np.ndarray) -> np.ndarray:
-        """(Mc,) round-off in Ṽ, a difference between velocities of touching bodies: a fraction of each velocity."""
+        """(Mc,) round-off in Ṽ, which is a difference between velocities of touching bodies, in proportion to each."""
         return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
 
     def expand(self, v: np.ndarray) -> np.ndarray:
@@ -158,7 +158,7 @@ def load_of(matrix: LinearSystem, load) -> np.ndarray:
 
 
 def follow_bonds(matrix: LinearSystem, fixed: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
-    """Coordinates that follow the others where rigid bonds forbid motions, and N of v = N z (n, n), z without them.
+    """Coordinates that follow the others where rigid bonds forbid motions, and N (n, n) of v = N z; z is of the others.
 
     The others include those that are fixed. Columns of N that belong to coordinates that follow are zero.
     """
@@ -194,7 +194,7 @@ def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
     """(K, n) motions u of unit length of spheres, and of clusters, that may roll about the line through two contacts.
 
     The contacts do not move, so uᵀk(S) is the same for all statuses. It vanishes if nothing else acts on the
-    sphere, since both forces then are along this line.
+    sphere, because both forces then act along this line.
     """
     moves = []
     for own in _coordinates_of_bridges(matrix):

@@ -57,7 +57,7 @@ class Uniqueness(NamedTuple):
 
 @checked
 def certificate(problem: Complementarity) -> Uniqueness:
-    """Test if the status is unique for every load, by the fastest criterion that holds beyond round-off.
+    """Test whether the status is unique for every load, by the fastest criterion that holds beyond round-off.
 
     A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal.
     Otherwise, for up to 14 contacts, all principal minors are computed. For more contacts, the minors of one, two and
@@ -191,7 +191,7 @@ FAR = 1e9  # in units of q: a certificate is valid if a consistent status would 
 TIGHT = 1e-6  # ten times the tolerance of HiGHS; inequalities this tight are turned into equations
 DENSE_UP_TO = 3000  # largest number of coordinates for null vectors, which take seconds
 ZERO = 1e-11  # fraction of the largest entry of k below which a pivot is zero
-NULL = 1e-9  # residual of a null vector of unit size, over the largest entry of k
+NULL = 1e-9  # largest residual of a null vector of unit size, over the largest entry of k
 
 
 class Absence(NamedTuple):

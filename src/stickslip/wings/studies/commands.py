@@ -59,18 +59,16 @@ def shear(
         bool, typer.Option("--reverse", help="Let the strain fall, with --until first-…: shear back or unload.")
     ] = False,
     step: Annotated[
-        float | None, number_option("--step", help="Largest strain step; default: 0.02 overlaps over the diameter.")
+        float | None, number_option("--step", help="Largest strain step; default: 0.02 × overlap/diameter.")
     ] = None,
     limit: Annotated[
-        float | None, number_option("--limit", help="Strain at which it ends in any case; default: 500 steps.")
+        float | None, number_option("--limit", help="Strain at which the path ends in any case; default: 500 steps.")
     ] = None,
     drag: Annotated[
         float | None,
-        number_option("--drag", help="Drag that decides over events [1/time]; default: 0.1 of the highest frequency."),
+        number_option("--drag", help="Drag that determines events [1/time]; default: 0.1 of the highest frequency."),
     ] = None,
-    settle: Annotated[
-        bool, typer.Option("--settle", help="First let it come to rest under this law; shear that state.")
-    ] = False,
+    settle: Annotated[bool, typer.Option("--settle", help="First bring the packing to rest under this law.")] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for results; default: results/shear-FILE.")] = None,
     overwrite: Overwrite = False,
     drawing: FigureOptions,
@@ -79,7 +77,7 @@ def shear(
 ) -> None:
     """Shear or compress a packing quasi-statically until it fails, and forecast its next event.
 
-    Writes the stress-strain curve, complex pairs born and dying, events, contacts that open, close or slide, bonds that
+    Writes the stress-strain curve, births and deaths of pairs, events, contacts that open, close or slide, bonds that
     break, forecasts with intervals, a figure and a page. The packing must be in equilibrium, in a periodic cell without
     walls. After ctrl-C or a kill, stickslip resume continues.
     """
@@ -96,7 +94,7 @@ def shear(
             "limit": limit, "drag": drag,
         },
     )  # fmt: skip
-    trust_law_files(chosen.model_dump())  # the user typed its name
+    trust_law_files(chosen.model_dump())  # the user typed the name of the file
     packed = read_input(chosen)
     chosen = chosen.model_copy(update={"packing": chosen.packing.model_copy(update={"digest": digest_of(packed)})})
     run_scenario(

@@ -5,7 +5,7 @@ Erickson and J. Jiang, 13 April 2018, which prints rough numbers as a "sanity ch
 time series that three groups uploaded to the SEAS platform: HBI (S. Ozawa, 2024, boundary elements of 10 m in a
 half-space) 78.34 years, tandem (C. Uphoff, 2021, discontinuous Galerkin method) 78.28 years, BICyclE (J. Jiang, 2018,
 spectral boundary elements of 25 m, periodic) 78.85 years. Each value follows from the times of two events, which are
-11, 28 and 30 intervals apart.
+11, 28 and 30 intervals apart, respectively.
 
 BP3-QD, earthquakes on a dipping thrust or normal fault: Erickson et al. 2023, doi:10.1785/0120220066; description by B.
 Erickson, J. Jiang and E. Dunham, 1 October 2021. Public FDRA time series (C. Cattania and Y. Sun, 2020 and 2021,
@@ -38,7 +38,7 @@ class Reproduction(NamedTuple):
 
 
 def bp1_scenario(*, quick: bool = False, seed: int = 0, cell: float | None = None) -> FaultScenario:
-    """Return the scenario: 25 m cells and 1200 of the 3000 years; events are periodic from the fifth on."""
+    """Return the scenario with 25 m cells, for 1200 years instead of 3000; events are periodic from the fifth on."""
     cell = cell or (50.0 if quick else 25.0)
     return validate_scenario(FaultScenario, seed=seed, line={"cell": cell}, run={"years": 700.0 if quick else 1200.0})
 
@@ -145,14 +145,14 @@ def _event_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> list[C
     ]  # fmt: skip
 
 
-STATION = 7500.0  # distance of the series down dip [m]
+STATION = 7500.0  # distance down dip of the published series [m]
 SURFACE = (-32e3, -16e3, -8e3, -0.01, 0.01, 8e3, 16e3, 32e3)  # [m]
 CELLS, QUICK_CELLS = (25.0, 50.0), (50.0, 62.5)  # cell lengths: main runs, and coarser runs for errors [m]
 YEARS = (250.0, 490.0)  # years at which slip [m], shear stress and normal stress [MPa] are compared
 FDRA = {
     (60.0, "thrust"): {
         "events": (177.100, 277.342, 334.302, 421.255),  # years
-        "cycle": (4, 338.993),  # number of last intervals, and their total in years
+        "cycle": (4, 338.993),  # number of intervals before the last event, and their total in years
         "fault": ((1.05925, 30.01822, 50.50724), (9.40878, 30.69542, 50.65259)),
         "surface": (
             (-16e3, 2.2623, 6.1174),
@@ -219,8 +219,8 @@ def reproduce_bp3(
 def bp3_claims(fine: list[FaultResult], coarse: list[FaultResult]) -> list[Claim]:
     """Evaluate the claims about published series and recurrence, for runs in the order of `reproduce_bp3`.
 
-    The error of a value is its change with coarser cells. If these are less than √2 times as long, the error is larger
-    than the change, because the method is of second order.
+    The error of a value is its change with coarser cells. If the coarser cells are less than √2 times as long, the
+    error is larger than the change, because the method is of second order.
     """
     state = fine[0].history.state
     theta = float(np.log10(fine[0].history.theta[0, 0]))
@@ -287,7 +287,7 @@ CYCLAPS = {
 BP6_TOLERANCE = {
     "state": 1e-6,  # a closed form
     "slip": 5e-3,
-    "velocity": 1e-3,  # of log10, about 0.01
+    "velocity": 1e-3,  # relative to log10 V, so about 0.01 in log10 V
     "stress": 1e-3,
     "pressure": 1e-3,  # CYCLAPS integrates the diffusion
 }
@@ -299,7 +299,7 @@ BP6_SHOWS = {
 
 
 def bp6_scenario(*, quick: bool = False, seed: int = 0, cells: int = FINE, law: str = "aging") -> FaultScenario:
-    """Return the scenario: one half of the fault, with a free surface at the source, about which slip is even.
+    """Return the scenario of one half of the fault, with a free surface at the source, about which slip is even.
 
     The number of cells is an odd multiple of 1024, so a cell centre lies at the station beside the source.
     """

@@ -23,7 +23,7 @@ MOST_CURVES = 6  # largest number of stations drawn
 
 @styled
 def slip_contours(history: FaultHistory, events: int | None = None):
-    """Slip against depth: blue profiles at the interval outside events, red ones at the interval within events.
+    """Slip against depth at regular intervals, with blue profiles outside events and red ones within events.
 
     Parameters
     ----------

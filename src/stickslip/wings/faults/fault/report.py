@@ -111,7 +111,8 @@ def write_surface_station(history: FaultHistory, number: int, path: Path) -> Non
 def write_profiles(history: FaultHistory, quantity: str, path: Path) -> None:
     """Write profiles of slip or stress.
 
-    The first row contains two zeros and the depths; the others contain time, log10 of the largest slip rate and values.
+    The first row contains two zeros and the depths; each other row contains the time, log10 of the largest slip rate,
+    and the values.
 
     Parameters
     ----------
@@ -156,8 +157,8 @@ def write_events(result: FaultResult, path: Path) -> None:
     columns = [heading_of(name, units.get(name, "1")) for name in table]
     notes = [
         f"events of a fault, intervals in which the largest slip velocity is at least {run.threshold:g} m/s",
-        f"moments and magnitudes are those of a length along strike of {length:g} m" if length
-        else "moments are those of each metre along strike; line.strike_length gives magnitudes",
+        f"moments and magnitudes are for a length along strike of {length:g} m" if length
+        else "moments are per metre along strike; with line.strike_length, magnitudes are given as well",
         *remarks(result),
     ]  # fmt: skip
     write_table(
@@ -250,7 +251,7 @@ def show(result: FaultResult) -> None:
         show_table(table)
         show_table(_table_of_sources(result))
         names = ("released", "frictional", "fracture", "radiated")
-        table = new_table("year", *(f"{name} [GJ]" for name in names), title="Energies for each metre along strike")
+        table = new_table("year", *(f"{name} [GJ]" for name in names), title="Energies per metre along strike")
         for k in range(min(SHOWN, len(events.start))):
             table.add_row(_year_of(events, k), *(f"{getattr(events, name)[k] / 1e9:.4g}" for name in names))
         show_table(table)
@@ -285,7 +286,7 @@ def _table_of_sources(result: FaultResult):
     table = new_table(
         "year", *size, "mean [MPa]", "by slip [MPa]", "by moment [MPa]",
         title=f"Moments for {length / 1e3:g} km along strike, and stress drops" if length
-        else "Moments for each metre along strike, and stress drops",
+        else "Moments per metre along strike, and stress drops",
     )  # fmt: skip
     drops = np.array([events.stress_drop, events.slip_weighted_stress_drop, events.seismological_stress_drop]) / 1e6
     moments = np.array([result.seismic_moment, result.magnitude] if length else [events.moment])
@@ -301,7 +302,7 @@ def compare(members: list[SweepMember]) -> Comparison:
 
 
 def _cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
-    """Return slip since an event at the station with the largest coseismic slip; None without a cycle."""
+    """Return slip since an event at the station with the largest coseismic slip; None if there is no cycle."""
     series = tree["series"]
     time, slip = series["time"], series["slip"]
     uneven = np.std(slip - np.outer(time / time[-1], slip[-1]), axis=0)

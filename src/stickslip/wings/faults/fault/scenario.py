@@ -199,7 +199,7 @@ class FaultScenario(ScenarioBase):
 
     @property
     def changes(self) -> tuple[Injection | Oscillation | StressTable, ...]:
-        """Changes of the normal stress in time."""
+        """Changes in normal stress over time."""
         fluid, stress = self.injection.model_dump(), self.normal_stress
         stop = fluid.pop("stop") or float("inf")
         source = (Injection(**fluid, stop=stop),) if fluid["flux"] else ()

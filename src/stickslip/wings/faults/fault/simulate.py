@@ -113,8 +113,8 @@ def simulate_cycles(
             part = kept.load(name, FaultHistory)
             if part.state.kernel != KERNEL:
                 raise ArchiveError(
-                    f"{kept.folder} was computed with slip that is {part.state.kernel} in each cell, and faults now "
-                    f"have {KERNEL} slip: resume with the version that began it, or start again with --overwrite"
+                    f"{kept.folder} was computed with slip that is {part.state.kernel} in each cell, but faults now "
+                    f"have {KERNEL} slip: resume with the version that began the run, or start again with --overwrite"
                 )
         parts.append(part)
         state = part.state

@@ -1,7 +1,7 @@
 """Straight faults with rate-and-state friction, loaded by plate motion, and nucleation of earthquakes on them.
 
-Friction depends on depth. The body is linear elastic, its inertia is approximated by radiation damping (quasi-dynamic;
-J. R. Rice, J. Geophys. Res. 98, 9885 (1993), doi:10.1029/93JB00191).
+Friction depends on depth. The body is linear elastic, and its inertia is approximated by radiation damping
+(quasi-dynamic; J. R. Rice, J. Geophys. Res. 98, 9885 (1993), doi:10.1029/93JB00191).
 """
 
 from typing import NamedTuple
@@ -62,7 +62,7 @@ class Fault(NamedTuple):
     b2: np.ndarray | float = 0.0  # (N,) or a number, evolution effect of a second state
     dc2: np.ndarray | float = 1.0  # (N,) or a number, its characteristic slip; has no effect if b2 = 0 [m]
     alpha: float = 0.0  # effect of changes of the normal stress on the states
-    changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # of the normal stress in time
+    changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # in normal stress over time
     dip: float = 90.0  # dip of a fault that reaches the surface, for in-plane shear [degrees]
     slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
 
@@ -86,7 +86,7 @@ class Fault(NamedTuple):
 
     @property
     def cuts(self) -> tuple[float, float]:
-        """Ratios of the reference velocity to the cut-off velocities; 0 without a cut-off."""
+        """Ratios of the reference velocity to the cut-off velocities; 0 if there is no cut-off."""
         return self.v0 / self.v1, self.v0 / self.v2
 
     @property
@@ -110,9 +110,9 @@ class Fault(NamedTuple):
         return self.b / self.dc + self.b2 / np.asarray(self.dc2)
 
     def sliding_at(self, velocity: float) -> "Fault":
-        """Equivalent fault without cut-off velocities: the same slopes of friction in steady sliding at V [m/s].
+        """Equivalent fault without cut-off velocities, with the same slopes of friction in steady sliding at V [m/s].
 
-        Its direct effect is A = ∂μ/∂ln V = a/(1 + V/V1), its evolution effects are B = ∂μ/∂ln θ = b/(1 + V/V2) and
+        Its direct effect is A = ∂μ/∂ln V = a/(1 + V/V1); its evolution effects are B = ∂μ/∂ln θ = b/(1 + V/V2) and
         b2/(1 + V/V2).
         """
         direct, state = 1 + velocity / self.v1, 1 + velocity / self.v2
@@ -145,7 +145,7 @@ class Fault(NamedTuple):
 
     @property
     def width(self) -> float:
-        """Length of all cells [m]."""
+        """Total length of the cells [m]."""
         return self.cell * len(self.depth)
 
     @property
@@ -240,7 +240,7 @@ def check_fault(fault: Fault) -> None:
         if not (getattr(fault, name) >= 0 and np.isfinite(getattr(fault, name))):
             raise ValueError(f"{name} must be finite and not negative, got {getattr(fault, name)}")
     if fault.alpha > 0 and not (fault.evolution > 0).all():
-        raise ValueError(f"alpha = {fault.alpha} requires b > 0, as normal stress acts on the state")
+        raise ValueError(f"alpha = {fault.alpha} requires b > 0, because normal stress acts on the state")
     for change in fault.changes:
         change.check()
     if not fault.wave_speed > 0:
@@ -306,7 +306,7 @@ def _check_geometry(fault: Fault) -> None:
 def _check_cells(fault: Fault) -> None:
     """Raise ValueError if cells do not resolve the tip of a rupture where friction weakens at low or high velocity.
 
-    With cut-off velocities, A/B changes monotonically with velocity.
+    With cut-off velocities, A/B changes monotonically with velocity, so checks at both ends suffice.
     """
     fast = fault.sliding_at(SEISMIC)
     weak = (fault.a < fault.evolution) | (fast.a < fast.evolution)
@@ -361,7 +361,7 @@ def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: f
 def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal: float) -> float:
     """Half-length of the nucleation zone of the aging law; infinite if a ≥ b.
 
-    For a/b < 0.3781 it is 1.3774 L_b, and zones keep this length while they accelerate. Otherwise it is the length
+    For a/b < 0.3781, it is 1.3774 L_b, and zones keep this length while they accelerate. Otherwise it is the length
     L_b/[π (1 − a/b)²] towards which they grow, if that is larger (Rubin and Ampuero 2005, doi:10.1029/2005JB003686,
     equations 13 and 31). With the slip law, zones become shorter as they accelerate (Ampuero and Rubin 2008,
     doi:10.1029/2007JB005082). With cut-off velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the slip
@@ -393,7 +393,7 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
 
 @readable
 class Nucleation(NamedTuple):
-    """Possibility of earthquake nucleation on a fault. Lengths are the smallest of all velocity-weakening cells [m]."""
+    """Possibility of earthquake nucleation on a fault. Zone lengths are the smallest of all weakening cells [m]."""
 
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]
@@ -408,13 +408,13 @@ def nucleation(fault: Fault, velocity: float | None = None) -> Nucleation:
 
     The comparison is a guide: it uses the length of nucleation zones in an infinite body, and counts a zone at the free
     surface as half a zone. With two states, for which we know of no published theory, the estimate is rough: it is the
-    shortest of three zones, for both states and for each alone.
+    shortest of three zones, one for both states together and one for each state alone.
 
     With cut-off velocities, the effects are A = a/(1 + V/V1) and B = b/(1 + V/V2), those of steady sliding at the given
-    velocity. The sentence also states if the sign of the rate dependence changes at velocities up to 1 m/s: earthquakes
-    then also depend on disturbances of the plate motion, and slip may stay slow. Far above V1, zones are shorter than
-    with constant effects, 0.579 L_b instead of 1.3774 L_b, as without a direct effect (K. Uenishi and J. R. Rice 2003,
-    doi:10.1029/2001JB001681).
+    velocity. The sentence also states whether the sign of the rate dependence changes at velocities up to 1 m/s:
+    earthquakes then also depend on disturbances of the plate motion, and slip may stay slow. Far above V1, where the
+    direct effect vanishes, zones are shorter than with constant effects, 0.579 L_b instead of 1.3774 L_b
+    (K. Uenishi and J. R. Rice 2003, doi:10.1029/2001JB001681).
 
     Parameters
     ----------
@@ -458,7 +458,7 @@ class _Lengths(NamedTuple):
 
 
 def _lengths(fault: Fault) -> _Lengths:
-    """Lengths for a fault without cut-off velocities; the half-length is the smallest of all weakening cells."""
+    """Lengths for a fault without cut-off velocities; the half-length is the smallest among weakening cells."""
     weak = fault.a < fault.evolution
     if not weak.any():
         return _Lengths(0.0)
@@ -497,7 +497,7 @@ def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthe
         return sentence
     above = "" if slow.longest else f" weakens above {_transition(fault, min):.3g} m/s, and"
     zone = f"slip{above} has a zone of {2 * fast.half:.4g} m at {SEISMIC:g} m/s"
-    return f"{sentence}; {zone}: a disturbance can make it an earthquake"
+    return f"{sentence}; {zone}: a disturbance can turn it into an earthquake"
 
 
 def _transition(fault: Fault, of) -> float:

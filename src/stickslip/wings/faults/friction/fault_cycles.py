@@ -1,7 +1,7 @@
 """Simulation of sequences of earthquakes and aseismic slip on a straight fault, and its history as a dataset.
 
 The time step is controlled by the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
-`python -m benchmarks fault` compares it with the solvers of SciPy at equal error.
+`python -m benchmarks fault` compares this method with the solvers of SciPy at equal error.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -89,8 +89,8 @@ def simulate_fault(
 ) -> FaultHistory:
     """Simulate earthquakes and aseismic slip.
 
-    Equations (1)–(12) of the SEAS benchmark problem BP1-QD (Erickson et al. 2020, doi:10.1785/0220190248), with any
-    properties along the fault.
+    The equations are (1)–(12) of the SEAS benchmark problem BP1-QD (Erickson et al. 2020, doi:10.1785/0220190248), with
+    arbitrary properties along the fault.
 
     Parameters
     ----------

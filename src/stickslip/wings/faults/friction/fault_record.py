@@ -108,7 +108,7 @@ def measure_source(fault: Fault, prestress: np.ndarray, begin, end, arrival: np.
     length, moment = h * int(ruptured.sum()), fault.shear_modulus * h * float(slip.sum())
     endless = fault.boundary == "periodic" and bool(ruptured.all())
     surface = fault.boundary == "surface" and bool(ruptured[0])
-    first = int(np.argmin(arrival))  # ruptured cell; the speed is that to the farthest one
+    first = int(np.argmin(arrival))  # the first cell to rupture; the speed is measured from it to the farthest
     distance = np.abs(fault.depth - fault.depth[first])
     if fault.boundary == "periodic":
         distance = np.minimum(distance, fault.width - distance)
@@ -129,7 +129,7 @@ def measure_source(fault: Fault, prestress: np.ndarray, begin, end, arrival: np.
     }  # fmt: skip
 
 
-CHANGE = 0.05  # largest change of log10 of the maximum slip velocity between two samples
+CHANGE = 0.05  # largest change between two samples in log10 of the maximum slip velocity
 ZONE = 0.1  # slip velocity at the edge of a nucleation zone, relative to the largest
 
 
@@ -163,7 +163,7 @@ def points(fault: Fault, depths) -> Points:
     """Prepare the interpolation at given depths.
 
     Between a free surface and the first cell centre, values follow the even parabola through the first two cells or,
-    for in-plane shear, a straight line. Beyond the other end centres they are constant.
+    for in-plane shear, a straight line. Beyond the outermost centres, they are otherwise constant.
     """
     depths = np.atleast_1d(np.asarray(depths, float))
     last = len(fault.depth) - 2

@@ -1,6 +1,6 @@
-"""State of a fault between steps, from which a simulation continues bit for bit, and the stepping itself.
+"""State of a fault between steps, from which a simulation continues bit for bit, and its time stepping.
 
-Steps are of order 8 with error estimates of order 5 and 3: Hairer, Nørsett and Wanner, Solving Ordinary Differential
+Steps are of order 8 with error estimates of orders 5 and 3: Hairer, Nørsett and Wanner, Solving Ordinary Differential
 Equations I, section II.5, with the coefficients of SciPy.
 """
 
@@ -225,7 +225,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
 
 
 def _state_terms(fault: Fault, w, friction: np.ndarray) -> np.ndarray:
-    """Sum of the state terms for which friction has a given value at a slip velocity (N,)."""
+    """Sum of the state terms with which friction has a given value at a slip velocity (N,)."""
     x, cut = friction / fault.a, fault.cuts[0]
     if fault.form == "regularized":
         x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)
@@ -300,12 +300,12 @@ def check_state(fault: Fault, state: FaultState) -> None:
     cells, states = len(fault.depth), 1 if state.log_state2 is None else 2
     if len(state.excess_slip) != cells:
         raise ValueError(
-            f"the state has {len(state.excess_slip)} cells, but the fault {cells}: use a state of this fault"
+            f"the state has {len(state.excess_slip)} cells, but the fault has {cells}: use a state of this fault"
         )
     if states != fault.states:
         raise ValueError(
-            f"the state has {states} state variable{'s' * (states > 1)}, but the fault {fault.states}: use a state of "
-            "this fault"
+            f"the state has {states} state variable{'s' * (states > 1)}, but the fault has {fault.states}: use a state "
+            "of this fault"
         )
     if state.kernel != KERNEL:
         raise ValueError(
@@ -315,7 +315,7 @@ def check_state(fault: Fault, state: FaultState) -> None:
     for name in ("excess_slip", "log_state", "log_state2", "log_velocity", "prestress"):
         values = getattr(state, name)
         if values is not None and not (np.shape(values) == (cells,) and np.isfinite(values).all()):
-            raise ValueError(f"{name} of the state is not an array of {cells} finite numbers: use a state as returned")
+            raise ValueError(f"{name} of the state is not an array of {cells} finite numbers: use an unchanged state")
 
 
 def with_rates(fault: Fault, state: FaultState) -> FaultState:

@@ -51,10 +51,10 @@ from .problem import (
 MIN_INDEPENDENT = 3.0  # independent samples per parameter; with fewer, residuals are not noise
 MISFIT = (
     "the residuals vary as slowly as the signal: either the law does not describe these data, or their noise is "
-    "as slow, which the data cannot distinguish; the values are the best fit, but without intervals"
+    "equally slow, and the data cannot distinguish the two; the values are the best fit, but without intervals"
 )
 UNLIKE = (
-    "the residuals are not noise: filtered for its correlation, they are {:.2g} times the noise of the record, so "
+    "the residuals are not noise: filtered for their correlation, they are {:.2g} times the noise of the record, so "
     "the law, the stiffness or the motion of the load point does not describe these data; the values are the best fit, "
     "but intervals cannot be given"
 )
@@ -87,7 +87,7 @@ class Fit(NamedTuple):
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array per data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
-    sigma: float  # standard deviation of the noise, relative to sigma if given
+    sigma: float  # standard deviation of the noise, relative to `Data.sigma` if that is given
     noise: np.ndarray  # autoregressive coefficients; empty for white noise
     effective: float  # number of independent samples
     innovations: np.ndarray  # filtered residuals divided by their size, for `compare_laws`
@@ -151,10 +151,10 @@ def fit(
     Returns
     -------
     Fit
-        Parameters that the data do not determine are NaN, with an explanation. Spikes, the same for every law, are
-        excluded. Intervals are missing if the fit does not describe the record (`Fit.adequate`): residuals vary as
-        slowly as the signal, or, filtered for their correlation, exceed 1.35 times the noise. The noise is the larger
-        of that between neighbouring samples and that of the bulk of the residuals.
+        Parameters that the data do not determine are NaN, and `sentence` explains why. Spikes, which are the same for
+        every law, are excluded. Intervals are missing if the fit does not describe the record (`Fit.adequate`):
+        residuals vary as slowly as the signal, or, filtered for their correlation, exceed 1.35 times the noise. The
+        noise is the larger of that between neighbouring samples and that of the bulk of the residuals.
 
     Raises
     ------
@@ -217,7 +217,7 @@ def solve_fit(
         x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
     rest = filtered_residual(task, x, filters)
-    # the noise between samples, or that of the bulk of the residuals if it is larger
+    # the larger of the noise between samples and that of the bulk of the residuals
     level = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
     reduced = float(np.sqrt(np.mean(rest**2))) / max(level, TINY)
     if reduced > MOST_REDUCED:
@@ -226,7 +226,7 @@ def solve_fit(
 
 
 def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
-    """Estimate parameters and noise alternately; return x, filters, True if residuals are noise, and evaluations.
+    """Estimate parameters and noise alternately; return x, filters, True if residuals are noise, and evaluation count.
 
     Residuals are not noise if fewer than MIN_INDEPENDENT independent samples per parameter are left, or if filtering
     moves the estimate away from that of least squares. (Under the correct law, the sum of squares exceeds its minimum
@@ -270,7 +270,7 @@ def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: st
     for name in (*fixed, *free):
         if name not in (*NAMES, "v0") or (name == "v0" and name in free):
             raise ValueError(
-                f"{name!r} is not a parameter; these are {', '.join(NAMES)}, and v0, which is always fixed"
+                f"{name!r} is not a parameter; parameters are {', '.join(NAMES)}, and v0, which is always fixed"
             )
     for name in set(fixed) & set(free):
         raise ValueError(f"{name} cannot be both fixed and free: choose one")
@@ -321,7 +321,7 @@ def _build_task(cases, laws: tuple[str, str], names, fixed: dict, own) -> Task:
 def noise_size(task: Task, x, filters) -> tuple[float, float, float]:
     """Size of the filtered noise, its degrees of freedom, and a factor by which intervals are widened.
 
-    Degrees of freedom used by a fit are missing in the estimate of slow noise as well.
+    The estimate of slow noise also lacks the degrees of freedom used by the fit.
     """
     rest, m = filtered_residual(task, x, filters), len(x)
     n, independent = len(rest), effective_samples(filters, len(rest))

@@ -1,4 +1,4 @@
-"""Conclusions from a fit: the posterior distribution of its parameters, its comparison with another, and remedies.
+"""Conclusions from a fit: the posterior of its parameters, its comparison with another fit, and possible remedies.
 
 The posterior is sampled by Markov chains with emcee. The priors are uniform in the coordinates of the fit: logarithms
 of positive parameters, and the others themselves. The likelihood is that of the filtered residuals, with the
@@ -96,7 +96,7 @@ def posterior(
     (('b', 'mu0'), True)
     """
     sizes = (walkers, "walkers"), (steps, "time steps"), (walkers * steps, "samples")
-    require_sizes(Size("the chains are of", number, kind, "use fewer") for number, kind in sizes)
+    require_sizes(Size("the chains have", number, kind, "use fewer") for number, kind in sizes)
     require_options(solve_fit, options)
     emcee = require("emcee", "posterior")
     solution = solve_fit(data, **options, report=within(report, end=FITTED))
@@ -197,7 +197,7 @@ class LawComparison(NamedTuple):
 
 @checked
 def compare_laws(first: Fit, second: Fit) -> LawComparison:
-    """Test if the data discriminate between two fits.
+    """Test whether the data discriminate between two fits.
 
     ΔAIC shows which fit is closer to the data. Because the laws are not nested and both may be wrong, the difference
     must also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference in log-likelihood per sample
@@ -253,11 +253,11 @@ PLAUSIBLE = 0.03, 3.0  # friction of faults
 
 
 class Gain(NamedTuple):
-    """Effect of an additional parameter per record on a fit."""
+    """Effect on a fit of one additional parameter per record."""
 
     values: tuple[float, ...]  # values of the parameter, one per record
     shifts: dict[str, float]  # change of each other parameter, relative for positive parameters
-    before: float  # root mean square of the residuals without the parameter, and below with it
+    before: float  # root mean square of the residuals without the parameter; `after` is that with it
     after: float
     helps: bool  # True if the residuals fall noticeably and by more than noise explains
 
@@ -270,8 +270,8 @@ class Gain(NamedTuple):
 def gain_by(name: str, solution: Solution) -> Gain:
     """Fit an additional parameter of each record: "trend", or "theta" for a start away from steady state.
 
-    The fall of the sum of squares is weighed by the number of independent samples in the remaining residuals, so
-    slow noise is not mistaken for a trend.
+    The relative fall of the sum of squares is multiplied by the number of independent samples in the remaining
+    residuals, so slow noise is not mistaken for a trend.
     """
     task, start = solution.task, solution.x
     before = residual(task, start)
@@ -330,16 +330,16 @@ class StiffnessDoubt(NamedTuple):
             return ""
         factor, small = f"{10.0 ** abs(round(power)):g}", power > 0
         size = "small" if small else "large"
-        said = f"; or displacements are {factor} times too {size} (the unit of load_point, or of --velocity)"
+        said = f"; or displacements are {factor} times too {size} (wrong unit of load_point, or of --velocity)"
         if np.isfinite(self.friction) and not PLAUSIBLE[0] < self.friction < PLAUSIBLE[1]:
             said += (
-                f", or friction, {self.friction:.2g}, is {factor} times too {'large' if small else 'small'} (stresses)"
+                f", or friction, {self.friction:.2g}, is {factor} times too {'large' if small else 'small'} (a stress)"
             )
         return f"{said}, with the correct stiffness"
 
 
 def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None) -> StiffnessDoubt | None:
-    """Compare a fixed stiffness with the record; None if they agree or the record does not determine it.
+    """Compare a fixed stiffness with the record; return None if they agree or the record does not determine it.
 
     Per load-point displacement, friction rises by at most k (1 − V/V_l), which is k after a hold or a large step. If
     the steepest rise is far from k, or the fit does not describe the record, the record is fitted again with the

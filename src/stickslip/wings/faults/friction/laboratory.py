@@ -1,4 +1,4 @@
-"""Laboratory records, converted to metres, seconds and pascals on reading, and model-free measurements on them.
+"""Laboratory records, converted to metres, seconds and pascals on reading, and model-free measurements from them.
 
 Measurements are steady means with standard errors, peaks after holds, healing and cycles.
 """
@@ -58,22 +58,22 @@ class LabRecord(NamedTuple):
 def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None, motion: bool = True) -> LabRecord:
     """Read a record from a text table, HDF5, MATLAB or binary XLOOK file; the content determines the format.
 
-    Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
-    columns are slip, theta and pore_pressure. The pore pressure is subtracted from the normal stress, unless that is
-    named effective_normal_stress; a friction column is used unchanged. `record_columns` lists unused columns, and a
-    warning names unknown ones. Units are in brackets (`time [s]`), after the name (`time_s`), in a row below the names,
-    or in the attribute `units` of an HDF5 dataset.
+    Required columns are time; friction, or shear_stress and normal_stress; and load_point, or velocity (of slip).
+    Optional columns are slip, theta and pore_pressure. The pore pressure is subtracted from the normal stress, unless
+    the column is named effective_normal_stress; a friction column is used unchanged. `record_columns` lists unused
+    columns, and a warning names unknown ones. Units are in brackets (`time [s]`), after the name (`time_s`), in a row
+    below the names, or in the attribute `units` of an HDF5 dataset.
 
-    Text files may begin with any lines. Separators are commas, semicolons, tabs or white space; unless they are commas,
-    numbers may have decimal commas. Lines that start with # or % are comments. Files that are not UTF-8 are read as
-    Windows-1252. Rows that lack a number in a used column (an empty cell, nan, or -9999 far from all others) are
-    skipped. If a displacement decreases, its sign is reversed. Both cause a warning.
+    Text files may begin with arbitrary lines. Separators are commas, semicolons, tabs or white space; unless they are
+    commas, numbers may have decimal commas. Lines that start with # or % are comments. Files that are not UTF-8 are
+    read as Windows-1252. Rows that lack a number in a used column (an empty cell, nan, or -9999 far from all others)
+    are skipped. If a displacement decreases, its sign is reversed. Both cause a warning.
 
     Parameters
     ----------
     columns : standard name → number of the column, counted from 0, or its heading, as in
-        {"time": 0, "load_point [um]": "LVDT 2", "friction": 3}. Without a unit here, that of the heading applies; in a
-        file without headings, metres, seconds or pascals
+        {"time": 0, "load_point [um]": "LVDT 2", "friction": 3}. Without a unit here, the unit in the heading applies;
+        in a file without headings, units are metres, seconds or pascals
     motion : False if the record need not contain the motion of the load point, as with `record_data(…, velocity=…)`
 
     Raises
@@ -248,10 +248,10 @@ def _make_effective(path: Path, values: dict[str, np.ndarray]) -> None:
     if pressure is None or not pressure.any():
         return
     values["normal_stress"] = values["normal_stress"] - pressure
-    kept = "; friction is that of the record" if "friction" in values else ""
+    kept = "; friction is used as recorded" if "friction" in values else ""
     warnings.warn(
-        f"{path}: the normal stress is made effective, by the pore pressure of the record{kept}; name it "
-        f"effective_normal_stress (--columns) if it is already",
+        f"{path}: the recorded pore pressure was subtracted from the normal stress{kept}; name that column "
+        f"effective_normal_stress (--columns) if it is already effective",
         stacklevel=3,
     )
 
@@ -431,8 +431,8 @@ def _check_series(values, least: int) -> np.ndarray:
     return x
 
 
-CONTRAST = 100.0  # slip velocity of an event over the median velocity
-SKIPPED = 1  # number of first intervals excluded, as they depend on the start
+CONTRAST = 100.0  # slip velocity at which an event begins, over the median velocity
+SKIPPED = 1  # number of initial intervals excluded because they depend on the start
 
 
 def passing_velocity(time, slip, velocity) -> np.ndarray:

@@ -223,7 +223,7 @@ def check(rs: RateState) -> None:
     if not np.isfinite(rs.mu0):
         raise ValueError(f"mu0 must be finite, got {rs.mu0}")
     if rs.alpha > 0 and rs.b + rs.b2 == 0:
-        raise ValueError(f"alpha = {rs.alpha} requires b > 0, as normal stress acts on the state")
+        raise ValueError(f"alpha = {rs.alpha} requires b > 0, because normal stress acts on the state")
 
 
 @checked
@@ -330,9 +330,9 @@ def _times_within(times, end: float) -> np.ndarray:
 def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | None = None) -> SlipHistory:
     """Friction of a surface under prescribed, piecewise constant slip velocity.
 
-    Exact for each piece of constant V: aging law θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip law
-    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0. At rest, friction is −∞ in the logarithmic form, returned as NaN, and
-    0 in the regularized form.
+    The state is exact for each piece of constant V: θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0, with the
+    aging law; ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0, with the slip law. At rest, friction is −∞ in the
+    logarithmic form, returned as NaN, and 0 in the regularized form.
 
     Parameters
     ----------
@@ -406,7 +406,7 @@ class Sliding(NamedTuple):
     """Stability of steady sliding at one velocity against small disturbances."""
 
     stable: bool
-    critical: float  # stiffness below which it is unstable; not positive if it is always stable [1/length]
+    critical: float  # stiffness below which sliding is unstable; not positive if it is always stable [1/length]
     eigenvalues: np.ndarray  # (2,) complex, (3,) with two states; a disturbance is a sum of terms e^{λt} [1/time]
     growth_rate: float  # largest real part; negative if disturbances decay [1/time]
     frequency: float  # angular, 0 without oscillation [1/time]

@@ -74,8 +74,8 @@ def load_steps(
     """Legs of a measured load-point displacement, interpolated linearly between samples.
 
     Successive intervals are merged into one leg as long as a straight line from its first sample passes all others
-    within `roughness` times the median displacement between (moving) samples. A motor at constant velocity is thus one
-    leg.
+    within `roughness` times the median displacement between (moving) samples. A motor at constant velocity thus
+    gives one leg.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def load_steps(
 
 
 def _end_of_line(time, place, factor, first: int, slack: float) -> int:
-    """Last sample that a line from sample `first` can reach while staying within `slack` of every sample between."""
+    """Last sample that a line from sample `first` can reach while staying within `slack` of all samples in between."""
     low, high, last = -np.inf, np.inf, first + 1
     for k in range(first + 1, len(time)):
         span, rise = time[k] - time[first], place[k] - place[first]
@@ -151,7 +151,7 @@ CANDIDATES, SEARCHED = 400, 4000  # largest numbers of trial times for a velocit
 MOST, ROUNDS = 60, 40  # largest numbers of changes, and of iterations of their times
 CERTAIN = 4.0  # required fall of the sum of squares per change, over σ² ln N; BIC requires 2, for white noise
 REST, EXACT = 4.0, 1e-9  # standard errors, and fraction of the largest velocity, below which a velocity counts as zero
-OFF, CLEARLY = 0.03, 6.0  # departure from a stated leg that contradicts it, over its length and over the noise
+OFF, CLEARLY = 0.03, 6.0  # departures that contradict a stated leg, over its length and over the noise
 _LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")
 
 
@@ -170,7 +170,7 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
 
     Parameters
     ----------
-    text : load-point velocities, in m/s unless a unit is stated, each except the last until a time of the record
+    text : load-point velocities, in m/s unless a unit is stated; each applies until a stated time, except the last
     time : (N,) times of the samples [s]
 
     Raises
@@ -205,7 +205,7 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
         start = stop
     if start < end:
         raise ValueError(
-            f"--velocity ends at {start:g} s, but the record at {end:g} s: add the rest, or leave out 'until'"
+            f"--velocity ends at {start:g} s, but the record ends at {end:g} s: add the rest, or leave out 'until'"
         )
     return tuple(legs)
 
@@ -320,7 +320,7 @@ def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
     """Sum of squares about the best curve with given times of change."""
     basis = _pieces(time, changes)
     basis /= np.abs(basis).max(axis=0)
-    square = np.einsum("ni,nj->ij", basis, basis)  # for this few columns, QR decomposition takes many times longer
+    square = np.einsum("ni,nj->ij", basis, basis)  # with so few columns, QR decomposition takes many times longer
     rest = place - basis @ np.linalg.solve(square, np.einsum("ni,n->i", basis, place))
     return float(rest @ rest)
 
@@ -328,7 +328,8 @@ def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
 def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
     """Times of change at which the lines fitted to neighbouring pieces meet.
 
-    They have the same limiting distribution as those of the best continuous curve (Feder, doi:10.1214/aos/1176342999).
+    They have the same limiting distribution as the times for the best continuous curve (Feder,
+    doi:10.1214/aos/1176342999).
     """
     for _ in range(ROUNDS if len(changes) else 0):
         edges = np.array([time[0], *changes, time[-1]])
@@ -350,7 +351,7 @@ def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndar
 
 
 def with_normal(legs: tuple[LoadStep, ...], time: np.ndarray, factor: np.ndarray) -> tuple[LoadStep, ...]:
-    """Legs, cut where the normal stress changes; it is held from each sample to the next.
+    """Cut legs where the normal stress changes; the stress is held from each sample to the next.
 
     Parameters
     ----------

@@ -181,8 +181,8 @@ def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, n
     """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, of an order selected by BIC, and the head of the whitening filter.
 
     The Yule–Walker equations are solved by Levinson's recursion on the autocovariance. Noise absorbed by a fit is
-    added: residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so
-    noise appears less correlated than it is.
+    added: residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so they
+    are less correlated than the noise.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def log_head_volume(noise, pieces) -> float:
 AROUND = 7  # samples in the running median with which each sample is compared
 FAR = 6.0  # standard deviations beyond which a sample is a spike (one Gaussian sample in 5e8)
 MOST_SPIKES = 0.02  # largest fraction of spikes; more are long-tailed noise
-LEAST_NOISE = 1e-6  # noise over scatter of friction, below which a record has only round-off
+LEAST_NOISE = 1e-6  # ratio of noise to scatter of friction below which a record has only round-off
 TO_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median absolute deviation
 SPREAD = np.sqrt(70.0)  # standard deviation of the fourth difference of white noise over its own
 ABRUPT, STEP = 0.5, 1e-2  # relative changes of the velocity and of the normal stress after which friction may peak

@@ -79,7 +79,7 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
 
 
 def without_intervals(estimates: Estimates, reason: str) -> Estimates:
-    """Return the same values without errors and intervals, for unknown noise."""
+    """Return the same values without errors and intervals, for use if the noise is unknown."""
     nothing = dict.fromkeys(estimates.errors, np.nan)
     sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence.partition(':')[0]}"
     return estimates._replace(
@@ -118,7 +118,7 @@ def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
 RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
 SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
 LENGTHS = 9  # number of D_c values between 1/300 of a leg's length and its length
-BEYOND = 10.0  # another D_c over that length, for a state that hardly evolves
+BEYOND = 10.0  # one more D_c, over the length of a leg, for a state that hardly evolves
 STIFFNESSES = (0.6, 1.5, 4.0)  # stiffness over the steepest slope of the record
 SECOND = (10.0, 0.1)  # D_c of a second state over that of the first
 SHARE = 0.3  # fraction of a second state in the evolution effect
@@ -401,7 +401,7 @@ def with_states_in_order(task: Task, x) -> np.ndarray:
 
 
 def find_open_sides(task: Task, x, filters, worst: float, half) -> dict:
-    """Find unbounded sides of wide intervals, where distant values fit equally well after refitting other parameters.
+    """Find unbounded sides of wide intervals, where distant values fit equally well after all others are refitted.
 
     Intervals derived from derivatives at the best point miss these: as k → ∞, for example, the derivatives vanish while
     the sum of squares stays finite.

@@ -1,11 +1,11 @@
-"""Stress on a straight fault: due to its slip, with or without a free surface, and imposed normal stress in time.
+"""Stress on a straight fault: due to its slip, with or without a free surface, and imposed as normal stress.
 
-Between the centres of N cells of length h, slip is a band-limited function, the sum of terms sin(πx/h)/(πx/h): the
-function with these values and no wavelength below 2h. A sinusoid then has its exact stiffness G*|k|/2, with G* = G for
+Between the centres of N cells of length h, slip is a sum of terms sin(πx/h)/(πx/h): the band-limited function with the
+values of the cells and no wavelength below 2h. A sinusoid then has its exact stiffness G*|k|/2, with G* = G for
 antiplane and G/(1 − ν) for in-plane shear, and errors arise only from slip that such a sum cannot represent. Slip of 1
 at one centre stresses the centre m cells away by (G*/πh) [−π²/4 for m = 0, 1/m² for odd m, 0 for even m]. A free
 surface mirrors slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log N) operations;
-`stress_matrix` returns the same as a dense matrix.
+`stress_matrix` returns the same operator as a dense matrix.
 
 In a half-space, points are ζ = x + iz, with x horizontal and the depth z ≥ 0. The fault is ζ = ξ t with t = e^{iψ}, dip
 ψ and distance ξ down dip; its hanging wall is at larger x. Slip δ is that of a thrust: the foot wall moves along t
@@ -18,11 +18,11 @@ Elasticity, 1953),
 where * denotes the conjugate. The first term is that of an infinite body; the others remove the tractions at the
 surface. The solution is due to A. K. Head, Proc. Phys. Soc. B 66, 793 (1953); P. Segall (2010), chapter 3, gives it for
 faults. The contribution of the surface depends on ξ of the stressed cell and ξ' of the slipping one, and is smooth in ξ
-except at ξ = ξ' = 0. Between ξ and 2ξ it is a polynomial in ξ to within round-off.
+except at ξ = ξ' = 0. Between ξ and 2ξ, it is a polynomial in ξ to within round-off.
 
-Imposed changes of normal stress (injected fluid, an oscillation, a table) have a method `change(depth, time)`, which is
-added to the normal stress of the fault, and times `breaks`, at which the change is extreme or not smooth and time steps
-end.
+Imposed changes of normal stress (injected fluid, an oscillation, a table) have a method `change(depth, time)`, whose
+value is added to the normal stress of the fault, and times `breaks`, at which the change is extreme or not smooth, and
+at which time steps end.
 """
 
 import csv
@@ -122,7 +122,7 @@ class StressTransfer(NamedTuple):
         return self.tractions(slip)[0]
 
     def tractions(self, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
-        """Shear and normal stress (N,) due to slip (N,); compression is positive, and 0 without an image."""
+        """Shear and normal stress (N,) due to slip (N,); the latter is positive in compression, 0 without an image."""
         shear = np.empty(self.number)
         core.fault_stress(self.struct(), np.ascontiguousarray(slip, float), shear)
         added, normal = self.of_image(slip)
@@ -210,7 +210,7 @@ def image_nodes(number: int, dip: float) -> int:
 def _order(dip: float) -> int:
     """Number n of Chebyshev nodes between ξ and 2ξ with which the error ρ^−n is round-off.
 
-    ρ is the parameter of the ellipse about the interval through the nearest singularity, at ξ' e^{2iψ}.
+    ρ is the parameter of the ellipse around the interval that passes through the nearest singularity, at ξ' e^{2iψ}.
     """
     poles = 2 * np.geomspace(0.2, 5.0, 200) * np.exp(2j * np.radians(dip)) - 3  # the interval is mapped to −1 to 1
     growth = np.log(np.abs(poles + np.sqrt(poles - 1) * np.sqrt(poles + 1)).min())
@@ -221,8 +221,8 @@ def _order(dip: float) -> int:
 def _image(number: int, cell: float, modulus: float, dip: float) -> tuple[sparse.csr_array, np.ndarray]:
     """Interpolation from R nodes to the cells (N, R), and shear and normal stress at the nodes due to slip (2R, N).
 
-    It is the stress that the surface adds, minus that of slip mirrored in it, both for uniform slip in cells. Between ξ
-    and 2ξ the nodes are Chebyshev nodes; near the surface they are the cells.
+    This is the stress that the surface adds, minus the stress of slip mirrored in the surface, both for uniform slip in
+    cells. Between ξ and 2ξ, nodes are Chebyshev nodes; near the surface they are the cells.
     """
     t, places, order = np.exp(1j * np.radians(dip)), np.arange(number) + 0.5, _order(dip)
     nodes, blocks, high = [], [], number
@@ -347,11 +347,11 @@ class Oscillation(NamedTuple):
 
 @readable
 class StressTable(NamedTuple):
-    """Changes of the effective normal stress at times and depths, linear between both and constant beyond them.
+    """Changes of the effective normal stress at times and depths, linear between them and constant beyond them.
 
     Examples
     --------
-    A fall by 2 MPa at all depths within one day, after a year:
+    A fall of 2 MPa at all depths within one day, after a year:
 
     >>> table = StressTable([3.15e7, 3.15e7 + 86400], [0.0], [[0.0], [-2e6]])
     >>> table.change(np.array([5e3]), 3.2e7)

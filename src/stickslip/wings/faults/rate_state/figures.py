@@ -104,8 +104,8 @@ def fitted(data: _Data, fits: list[_Fit] | tuple[_Fit, ...]):
 def corner(columns: dict, intervals: dict, units: dict):
     """Histograms of draws for each parameter, with the interval of the fit, and contours for each pair.
 
-    A parameter whose range is too narrow for readable numbers, as for a record without noise, is drawn as difference Δ
-    from its median.
+    A parameter whose range is too narrow for readable numbers, as for a record without noise, is drawn as the
+    difference Δ from its median.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ class RecordFits(NamedTuple):
     fits: tuple[Fit, ...]
     comparison: LawComparison | None
     posterior: Posterior | None = None
-    remedies: tuple[str, ...] = ()  # possible faults of the input, tested by second fits
+    remedies: tuple[str, ...] = ()  # possible faults in the input, tested by second fits
     met: dict[str, list[str]] | None = None  # columns of the record: used, without effect, unknown
 
 
@@ -105,7 +105,7 @@ def fit_record(
 
 
 def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Report = silent) -> tuple[str, ...]:
-    """Sentences on faults of the input (missing trend, wrong stiffness) for laws that the data do not reject."""
+    """Sentences on faults in the input (missing trend, wrong stiffness) for laws that the data do not reject."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
     solutions = [
         solution._replace(task=solution.task._replace(report=within(tell, stage=f"doubts about the {law} law")))
@@ -131,7 +131,7 @@ def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Rep
             )
             out.append(
                 f"{solution.task.law} law: the record does not start in steady state, but with {state.values[0]:.3g} "
-                f"times its state; this changes {shifts}: use --free theta, or remove the start"
+                f"times the steady θ; this changes {shifts}: use --free theta, or remove the start"
             )
     return tuple(out)
 
@@ -173,7 +173,7 @@ def check_folder(out: Path, overwrite: bool) -> None:
         raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
 
 
-FIELDS = (  # of a fit, in the JSON object
+FIELDS = (  # fields of a fit in the JSON object
     "values", "errors", "intervals", "names", "form", "fixed", "identifiable", "sentence", "sigma", "effective",
     "adequate", "reduced", "aic", "bic",
 )  # fmt: skip
@@ -248,7 +248,7 @@ def show(result: RecordFits) -> None:
 
 
 def _trade_offs(fit: Fit) -> str:
-    """Sentence on parameters correlated with a fitted stiffness; empty without one."""
+    """Sentence on parameters correlated with a fitted stiffness; empty if there are none."""
     if "stiffness" not in fit.names or not np.isfinite(fit.values["stiffness"]):
         return ""
     size = np.sqrt(np.diag(fit.covariance))
@@ -308,5 +308,5 @@ def write(out: Path, result: RecordFits, look: Look = PLAIN) -> list[Path]:
             (out / name).unlink(missing_ok=True)  # files of an earlier fit
     for name, data in contents.items():
         write_file(out, name, data)
-    write_file(out, NUMBERS, f"{as_json(result)}\n".encode())  # last, as it marks the fit as complete
+    write_file(out, NUMBERS, f"{as_json(result)}\n".encode())  # written last, because it marks the fit as complete
     return [out / name for name in (NUMBERS, *contents)]

@@ -2,7 +2,7 @@
 
 Charan, Chattoraj, Pica Ciamarra, Procaccia, doi:10.48550/arXiv.1908.11724, with its supplement. Units are 2R = m =
 k_n = 1. Forces are stated in the paper's numbers (a force of 1 is 1/2000 here, as k_n = 2000 there), and times in
-√(m/(k_n √(2R))).
+units of √(m/(k_n √(2R))).
 
 There are two scenarios. `main` is the printed model with I0 = 1/2, the value for a disk. `quarter` is a hypothesis
 found by a search, without documented justification: the disk–disk normal stiffness is a quarter of the printed value,
@@ -88,14 +88,14 @@ VARIED = (  # changes of the printed model, one at a time
 )  # fmt: skip
 PUSHES = np.arange(1, 81) / 40  # in units of F_y
 STEPS = 100_000  # largest number of steps in the search for an equilibrium; a tenth suffices if one exists
-BEFORE = 2e-6, 3.2e-5  # distances in F_x from a birth at which Im λ and the gap of the real eigenvalues are compared
+BEFORE = 2e-6, 3.2e-5  # distances in F_x from a birth at which Im λ and the gap between real eigenvalues are compared
 SQUARE_ROOT = 0.05  # tolerance of the exponent 1/2; it would be 0 for a jump and 1 for a crossing of eigenvalues
 PURE = 1 - TOLERANCE["share"]  # fraction in y above which a mode counts as a pure y mode
 UNIT = "sqrt(k_n (2R)^1/2/m)"
 
 
 def first_pair(**change) -> float | None:
-    """Push, in units of F_y, at which the first pair exists; 0 without any equilibrium, None without a pair."""
+    """Push, in units of F_y, at which the first pair exists; 0 if there is no equilibrium, None if there is no pair."""
     chosen = validate_scenario(DiskArrayScenario, dynamics={"loads": ()}, relaxation={"steps": STEPS}, **change)
     state, law = press(chosen)
     protocol = make_protocol(chosen, law)
@@ -205,7 +205,7 @@ def _growing(main: DiskArrayResult) -> Claim:
 
 
 def _mode_claims(main: DiskArrayResult) -> list[Claim]:
-    """Claims about the mode along y, and the paper's explanation of the backward front by it and its wavelength."""
+    """Claims about the mode along y, and the paper's explanation of the backward front by this mode."""
     modes = point_at_load(main.path, MODE_LOAD).spectrum
     k, shares = y_mode(modes), modes.shares()
     others = f"x {shares[k, 0]:.1%}, rotation {shares[k, 5]:.1%}, at F_x = {MODE_LOAD}"

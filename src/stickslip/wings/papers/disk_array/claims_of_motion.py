@@ -65,7 +65,7 @@ TOLERANCE = {
 }
 
 
-CERTAIN = 3.0  # in errors: of 27 steps between neighbours, one is this far below zero by chance in 4 % of all cases
+CERTAIN = 3.0  # in standard errors: of 27 steps between neighbours, one is this far below 0 by chance in 4 % of cases
 MUCH = 10.0  # "much faster": the paper's numbers differ by a factor of 27 to 54
 
 
@@ -300,7 +300,7 @@ def _where_first(main: DiskArrayResult) -> Claim:
 
 
 def _share_error(yes: np.ndarray) -> float:
-    """Standard error of the fraction of realisations with an outcome; infinite without realisations."""
+    """Standard error of the fraction of realisations with an outcome; infinite if there are none."""
     return float(np.sqrt(yes.mean() * (1 - yes.mean()) / len(yes))) if len(yes) else np.inf
 
 

@@ -127,7 +127,7 @@ def _plot_front(axes, front, color, name: str) -> None:
 
 @style.styled
 def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | None, threshold: float):
-    """Mean times of breaching (forward) and of sliding (backward), with the fitted speeds if they fit (Fig 5).
+    """Mean times of breaching (forward) and of sliding (backward), with speeds where a single one fits (Fig 5).
 
     The legend shows χ² of the delays about the fitted line, and its degrees of freedom.
 

@@ -149,7 +149,7 @@ def velocity_of(time: np.ndarray, position: np.ndarray) -> float:
 
 
 def unloading(state: State, time: np.ndarray, height: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Overlap of each disk with the substrate at its time `at` (N,), over that in `state`; NaN without a time."""
+    """Overlap of each disk with the substrate at its time `at` (N,), over that in `state`; NaN if it has none."""
     radius, before = state.grains.radius, state.grains.position[:, 1]
     then = [np.interp(t, time, y) if np.isfinite(t) else np.nan for t, y in zip(at, height.T, strict=True)]
     return np.maximum(radius - then, 0.0) / (radius - before)
@@ -275,7 +275,7 @@ class Trajectory(NamedTuple):
     angle: np.ndarray  # (T, N) [rad]
     first_limit: float  # first time at which any contact reached the Coulomb limit
     breach: np.ndarray  # (N,) [time]
-    slide: np.ndarray  # (N,) first displacement by SLID diameters [time]
+    slide: np.ndarray  # (N,) first time of displacement by SLID diameters [time]
 
 
 def diameter(state: State) -> float:

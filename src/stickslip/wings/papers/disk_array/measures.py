@@ -146,7 +146,7 @@ def power_law(x: np.ndarray, speed: np.ndarray, error: np.ndarray) -> tuple[floa
 def drift_front(result: DiskArrayResult, threshold: float, loads) -> tuple[float, float] | None:
     """Speed and error of the backward front of an array that drifts with a constant profile of displacements.
 
-    See `fronts.drift_speed`; None without a run that passes the threshold.
+    See `fronts.drift_speed`; None if no run passes the threshold.
     """
     how = result.scenario.sliding
     order, distance = backward_order(result)
@@ -211,7 +211,7 @@ class Arrest(NamedTuple):
 
 
 def find_arrest(result: DiskArrayResult, load: float) -> Arrest:
-    """Relax the end and further late states, an eighth of the run apart, of the free run at a load."""
+    """Relax the end state and further late states, an eighth of the run apart, of the free run at a load."""
     scenario, law, how = result.scenario, result.law, result.scenario.dynamics
     point, protocol = point_at_load(result.path, load), make_protocol(result.scenario, result.law)
     end, rows = perturbed(point.state, scenario.seed, how.seed_velocity), []

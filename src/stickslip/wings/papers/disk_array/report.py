@@ -137,26 +137,26 @@ def _velocity(ensemble) -> Estimate:
 
 NAN = float("nan")
 PAIR = Quantities([
-    Quantity("born at", "1", "push of its birth", lambda pair: f"{pair.birth.load:.6g}" if pair.birth else "the start"),
+    Quantity("born at", "1", "push at its birth", lambda pair: f"{pair.birth.load:.6g}" if pair.birth else "the start"),
     Quantity("± by load step", "1", "distance to the nearest birth with twice the load step", lambda pair:
              max(np.abs(pair.coarse - pair.birth.load).min(), abs(pair.birth.above - pair.birth.below))
              if pair.birth and len(pair.coarse) else NAN),
-    Quantity("dies at", "1", "push of its death", lambda pair: f"{pair.death.load:.6g}" if pair.death else "lives"),
+    Quantity("dies at", "1", "push at its death", lambda pair: f"{pair.death.load:.6g}" if pair.death else "lives"),
     Quantity("largest Im λ", "1/time^2", "largest Im λ along the path", lambda pair: pair.eigenvalues.imag.max()),
-    Quantity("at push", "1", "push there", lambda pair: pair.loads[pair.eigenvalues.imag.argmax()]),
+    Quantity("at push", "1", "push at this largest Im λ", lambda pair: pair.loads[pair.eigenvalues.imag.argmax()]),
 ])  # fmt: skip
 FREE_RUN = Quantities([
     Quantity("push", "1", "push", "load"), *quantities_of(FreeRun, "predicted_growth").values(),
     Quantity("fitted", "1/time", "growth rate fitted to M", "growth.growth_rate"),
     Quantity("M at the end", "length^2", "M at the end", lambda free: free.msd[-1]),
-    Quantity("verdict", "1", "how it ends", lambda free:
+    Quantity("verdict", "1", "outcome of the run", lambda free:
              "slides" if free.slid else "unstable, arrested" if free.predicted_growth > 0 else "stable"),
 ])  # fmt: skip
 SLIDING = Quantities([
     Quantity("push", "1", "push", "load"),
     Quantity("realizations", "1", "number of realisations", lambda one: len(one.velocity)),
-    Quantity("slid in time", "1", "those that slid", lambda one: np.isfinite(one.velocity).sum()),
-    Quantity("velocity", "length/time", "their mean velocity, ± half of its 95 % interval", _velocity),
+    Quantity("slid in time", "1", "realisations that slid", lambda one: np.isfinite(one.velocity).sum()),
+    Quantity("velocity", "length/time", "mean velocity of these, ± half of its 95 % interval", _velocity),
     Quantity("forward front", "length/time", "speed of the forward front, ± its standard error",
              lambda one: one.front and f"{one.front.speed:.3g} ± {one.front.speed_error:.2g}"),
 ])  # fmt: skip

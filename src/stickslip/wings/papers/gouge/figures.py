@@ -44,8 +44,10 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
 def velocity_steps(curves: list[_Curve], *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
-    LONGER = 3.0  # ratio of the lengths of curves above which their axis is logarithmic
-    MOST_NAMED = 8  # largest number of realisations named in a legend
+    Parameters
+    ----------
+    curves : one `Curve` per step
+    twins : whether the change is relative to copies without a step, or to steady friction before the step
     """
     figure, axes = style.column_axes(1, 2.4)
     for number, curve in enumerate(curves):
@@ -112,7 +114,7 @@ def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float 
 
 @style.styled
 def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: _Number | None, offset: float):
-    """Friction after holds for each velocity, with two standard errors; the same over C + ln(V_r/V_i); its peak.
+    """Friction after holds for each velocity, with two standard errors; the same curves over C + ln(V_r/V_i); peaks.
 
     Parameters
     ----------

@@ -193,10 +193,10 @@ class Response(NamedTuple):
 def response(result: GougeResult) -> Response | None:
     """Fit the direct effect and the radiation impedance to peaks after velocity steps of different sizes.
 
-    The peak Δμ after a step from V1 to V2 is the largest change of the smoothed mean curve in the step's direction. It
-    is fitted by a ln(V2/V1) + η (V2 − V1) with least squares. The second term is due to waves radiated by plate and
-    layer; their resistance is proportional to the change in velocity, not to that of its logarithm. Returns None unless
-    there are steps with different ratios of ln(V2/V1) to V2 − V1.
+    The peak Δμ after a step from V1 to V2 is the largest change of the smoothed mean curve in the step's direction. The
+    sum a ln(V2/V1) + η (V2 − V1) is fitted to the peaks by least squares. The second term is due to waves radiated by
+    plate and layer; their resistance is proportional to the change in velocity, not to that of its logarithm. Returns
+    None unless there are steps with different ratios of ln(V2/V1) to V2 − V1.
     """
     curves = {pair: step_curve(result, *pair, twin=False) for pair in steps(result)}
     pairs = list(curves)
@@ -257,7 +257,7 @@ def creep_velocity(result: GougeResult, before: float) -> Curve:
 def energy_ratio(result: GougeResult, before: float) -> Curve:
     """Kinetic over elastic energy of the mobile grains in a hold against the hold time [s].
 
-    The elastic energy is that at the end of the hold, as it hardly changes under a constant stress.
+    The elastic energy is taken from the end of the hold, because it hardly changes under a constant stress.
     """
     curve = hold_curve(result, before, "kinetic_energy")
     tests = [(sample, t) for sample in result.realizations for t in sample.of("hold") if t.before == before]
@@ -399,7 +399,7 @@ def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 def _make_record(chain: list[Test], samples: int) -> Data:
     """Make one record of consecutive tests, with samples equally spaced in slip.
 
-    After a change of velocity, it begins in the middle of the first leg.
+    After a change of velocity, the record begins in the middle of the first leg.
     """
     columns = [test.series.friction for test in chain]
     if chain[0].before != chain[0].velocity:

@@ -39,7 +39,7 @@ class Reproduction(NamedTuple):
 
     @property
     def results(self) -> dict[str, GougeResult]:
-        """Each result once, by its first name."""
+        """All results by name; a result with several names is listed once, under the first."""
         held = list(self.holds.values())
         return self.holds | {name: result for name, result in self.more.items() if not any(result is h for h in held)}
 
@@ -147,7 +147,7 @@ def reproduce(
     quick : run only holds of 0.1 s with two damping values
     full : also run slides at other velocities after holds, velocity steps, steady friction and a stiff spring
     paper_size : run the scenarios of the paper's size instead
-    realizations : number of samples of each of these; 8 if both this and `samples` are None
+    realizations : number of samples for each of these scenarios; 8 if both this and `samples` are None
     samples : folder with samples of the paper's size. Without `realizations`, the stored samples are evaluated and
         none are run. With it, missing samples are run and added, and all are evaluated.
     """

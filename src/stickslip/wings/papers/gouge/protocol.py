@@ -407,7 +407,7 @@ def find_slips(realizations: tuple[Realization, ...], threshold: float, diameter
 
 
 def _slips_of(test: Test, threshold: float, joined: float) -> list[tuple[int, int]]:
-    """Return the first sample of each slip and the first after it; merge slips if the load point moves < `joined`."""
+    """Return the first sample of each slip and the first after it; slips closer than `joined` are merged."""
     series, last = test.series, len(test.series.time)
     fast = np.flatnonzero(series.velocity > threshold * test.velocity)
     slow = np.flatnonzero(series.velocity <= test.velocity)

@@ -25,8 +25,8 @@ LONG = 0.4  # fraction of the largest stable time step above which errors at the
 def stiffness(scenario: GougeScenario, value: float | None = None, definition: str | None = None) -> float:
     """Stiffness k of the spring per plate area [Pa/m], from `value` in terms of `definition`.
 
-    The default is the scenario's stiffness. Definitions are per_area, k; per_stress, k/σ; grain, k D/σ; rate_state, k
-    dc/(b σ).
+    The default is the scenario's stiffness. Definitions are per_area, k; per_stress, k/σ; grain, k D/σ; and rate_state,
+    k dc/(b σ).
 
     Examples
     --------
@@ -65,7 +65,7 @@ def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> di
     """Return a hold time t after sliding at V, normalised by every definition.
 
     Definitions are load_point, V t/dc; frozen, k V t/(a σ), which governs the decay of velocity in a hold with frozen
-    state; inertial, t/(D √(ρ/σ)). Ferdowsi & Rubin 2021 quote 1650 without a definition.
+    state; and inertial, t/(D √(ρ/σ)). Ferdowsi & Rubin 2021 quote 1650 without a definition.
     """
     stress, scales, grains = scenario.load.normal_stress, scenario.scales, scenario.grains
     return {
@@ -79,7 +79,7 @@ def inertial_numbers(scenario: GougeScenario, velocity: float, thickness: float)
     """Return the inertial number at a plate velocity V and a thickness H [m] by every definition.
 
     Definitions are mean_grain, (V/H) D √(ρ/σ) with the mean diameter, on which warnings are based; largest_grain, the
-    same with the largest diameter; slip, V √(ρ/σ), for shear localised in one layer of grains.
+    same with the largest diameter; and slip, V √(ρ/σ), for shear localised in one layer of grains.
     """
     grains, stress = scenario.grains, scenario.load.normal_stress
     sizes = {"mean_grain": grains.mean, "largest_grain": grains.diameter[1], "slip": thickness}

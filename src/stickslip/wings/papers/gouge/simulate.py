@@ -263,7 +263,7 @@ class _Legs:
         self.table, self.paths, self.ends = {}, [], []
 
     def pieces(self, leg: Leg) -> Iterator[tuple[State, Record]]:
-        """Write a leg; yield its end, with the grains where they were."""
+        """Write a leg; yield its end state, in which the grains have not moved."""
         check_leg(leg)
         target, leg = leg_folder(self.folder, len(self.ends)), leg._replace(ranks=self.ranks)
         if leg.after:
@@ -302,8 +302,8 @@ def simulate_gouge(
     ----------
     folder : run folder, in which finished realisations and pieces of unfinished ones are saved; saved parts are not run
         again
-    workers : number of processes, or the address of a Dask scheduler; default: number of cores over number of MPI ranks
-        per process
+    workers : number of processes, or the address of a Dask scheduler; default: number of cores divided by the
+        number of MPI ranks per process
     device : "cuda" to run all realisations, and then all branches, side by side on a graphics processor
     samples : folder to which each sample is written when it has finished; samples already in it are not run
     report : called as report(stage, share done, text)

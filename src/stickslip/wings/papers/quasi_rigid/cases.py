@@ -76,7 +76,8 @@ class ApexCases(NamedTuple):
 def counterexample(directions: int = 720) -> tuple[str, ...]:
     """Return the largest set of statuses that are simultaneously consistent for one contact in unstable surroundings.
 
-    K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ = 0.9, over all directions of the load.
+    Their stiffness is K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ = 0.9; the load takes all
+    directions.
     """
     springs = np.diag([1.0, 0.5])
     compliance = np.linalg.inv(np.array([[1.0, 0.3], [0.3, 0.1]]) + springs)
@@ -92,7 +93,7 @@ def counterexample(directions: int = 720) -> tuple[str, ...]:
 def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
     """Draw one or two contacts at the apex, up to two at the Coulomb limit, and loads; count consistent statuses.
 
-    The counts show if the four statuses at the apex are mutually exclusive.
+    The counts show whether the four statuses at the apex are mutually exclusive.
     """
     rng, count, drawn = np.random.default_rng(main.scenario.seed + 1), np.zeros(4, int), 0
     while drawn < cases:
@@ -125,7 +126,7 @@ class Growth(NamedTuple):
     speed: np.ndarray  # (T,) norm over all coordinates [length/time]
     power: float  # d ln(speed)/d ln(time)
     rate: float  # d ln(speed)/d(time) over the last `DECADES` decades [1/time]
-    predicted: float  # √−λ of the lowest eigenvalue λ of m⁻¹k, 0 without a negative one [1/time]
+    predicted: float  # √−λ of the lowest eigenvalue λ of m⁻¹k, 0 if none is negative [1/time]
 
 
 def disk_between_floors(mu: float = FRICTION) -> tuple[State, Law]:
@@ -196,7 +197,7 @@ SOLVED = 6  # largest number of critical contacts for the eigenvalues of all sta
 SLACK = 1e-9  # largest relative difference between two equally stable statuses
 KICK = 1e-2  # random velocities, in overlaps per contact time
 TIME, LOOKS, DRAG = 200.0, 200, 0.02  # duration of vibrations, number of checks of the statuses, drag of slow dynamics
-BURST = 10.0  # kinetic energy over that of the kick that counts as a collapse
+BURST = 10.0  # kinetic energy, over that of the kick, above which a motion counts as a collapse
 PRESSURES = (1e-5, 1e-4, 1e-3)
 SMALL = 30  # number of disks of the packings at several pressures
 
@@ -207,13 +208,13 @@ class SlidingState(NamedTuple):
     critical: int
     slide: int  # number of critical contacts that slide under the load
     reverse: int  # number of critical contacts that slide under the reverse load
-    least_eigenvalue: bool | None  # True if no status has a smaller eigenvalue of sym k than that in which all slide
+    least_eigenvalue: bool | None  # True if no status has a smaller eigenvalue of sym k than the one in which all slide
     least_determinant: bool | None  # likewise for det k
     shares: np.ndarray  # contribution of each sliding contact to Q(v), over Q, for v under the load
 
 
 def sliding_state(state: State, law: Law, load: np.ndarray) -> SlidingState | None:
-    """Compare the statuses of a state; None without critical contacts, or without a consistent status.
+    """Compare the statuses of a state; None if there are no critical contacts, or no consistent status.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ RATE = 0.02  # as EXPONENT
 LINEARISED = 1e-5  # relative error of Table I, ten times the motion over the overlap
 BALANCED = 1e-6  # largest unbalanced fraction of a load; round-off of k is 1e-10
 HUNDREDS, DISKS = 100, 1600
-MOTION = 1e-10  # of `table_one` for one disk, a millionth of its overlap
+MOTION = 1e-10  # random motion of `table_one` for one disk, a millionth of its overlap
 
 
 def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
@@ -343,7 +343,7 @@ def _slow_error(main: QuasiResult) -> Claim:
 
 
 def sign_test(yes: int, total: int) -> bool | None:
-    """Decide by a sign test at the 5 % level if `yes` outcomes prevail.
+    """Decide by a sign test at the 5 % level whether `yes` outcomes prevail.
 
     None if there are too few cases, such as four.
     """
@@ -462,7 +462,7 @@ def _flutter(main: QuasiResult) -> Claim:
 
 
 def _mechanisms(main: QuasiResult) -> Claim:
-    """Claim about the null modes of a sample whose walls translate, also turn, or whose contacts all slide."""
+    """Claim about the null modes of a sample if walls only translate, if they also turn, or if all contacts slide."""
     sample = main.tested[0]
     state, law, n = sample.path.states[0], sample.law, main.scenario.disks.number
     walls = state.control.free.copy()

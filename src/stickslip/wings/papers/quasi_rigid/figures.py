@@ -142,7 +142,7 @@ def cone(one: Annotated[Any, Result(_KIND, ("forces",))], mu: float):
 def stiffness(one: Annotated[Any, Result(_KIND, ("path", "looks", "seed"))]):
     """Number of sliding contacts, smallest eigenvalues of the stiffness matrix k, and complex pairs along a path.
 
-    While that of the symmetric part is positive, Q = v·k v is positive for all velocities v.
+    While the smallest eigenvalue of the symmetric part is positive, Q = v·k v is positive for all velocities v.
     """
     figure, (top, middle, bottom) = style.column_axes(3, 5.0, sharex=True)
     load = one.path.load

@@ -89,8 +89,8 @@ CURVE = Quantities([
 ])  # fmt: skip
 COLLAPSE = Quantities([
     SAMPLE, *quantities_of(Collapse, *COLUMNS).values(),
-    Quantity("sliding_before", "1", "contacts at the Coulomb limit before", lambda event: event.sliding[0]),
-    Quantity("sliding_after", "1", "contacts at the Coulomb limit after", lambda event: event.sliding[1]),
+    Quantity("sliding_before", "1", "contacts at the limit before the collapse", lambda event: event.sliding[0]),
+    Quantity("sliding_after", "1", "contacts at the limit after the collapse", lambda event: event.sliding[1]),
 ])  # fmt: skip
 
 

@@ -58,7 +58,7 @@ class Curve(NamedTuple):
     load: np.ndarray  # (T,) fraction of the load
     strain: np.ndarray  # (T,) strain in the loaded direction, compression positive; or shear strain [1]
     volumetric: np.ndarray  # (T,) volumetric strain, compression positive [1]
-    ratio: np.ndarray  # (T,) stress in the loaded over that in the other direction; or shear stress over pressure [1]
+    ratio: np.ndarray  # (T,) ratio of stresses in the loaded and the other direction; or shear stress over pressure [1]
 
 
 class PathStiffness(NamedTuple):

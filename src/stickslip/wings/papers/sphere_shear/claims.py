@@ -86,7 +86,7 @@ PARTS = 10  # number of parts of the fit window, in each of which the stress amp
 
 
 def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second and third over first singular value of each grain's displacements in a turn, (L, H) each.
+    """Second and third singular values of each grain's displacements in a turn, over the first one, (L, H) each.
 
     The second ratio is 0 for motion on a line, the third for motion in a plane. The motion of a single pair is Re(c
     e^{iωt}) with a complex vector c for each grain, so a grain moves in the plane of Re c and Im c through its
@@ -232,8 +232,8 @@ def _mostly(count: int, total: int) -> bool | None:
     return None if low <= 0.5 <= high else bool(low > 0.5)
 
 
-MANY = 10  # number of pairs that counts as many: ten times that at the onset
-PLANE = 0.01  # third over first singular value below which a trajectory is plane: thinner than a line in a plot
+MANY = 10  # number of pairs that counts as many: ten times the number at the onset
+PLANE = 0.01  # ratio of third to first singular value below which a trajectory is plane: thinner than a line in a plot
 CENTRED = 0.1  # ratio of mean to amplitude below which stress oscillates around zero: invisible in a plot
 SYMMETRIC = 1e-12  # relative difference of equal blocks: round-off, with a margin for sums over contacts
 
@@ -265,7 +265,7 @@ def number_claims(main: ShearResult) -> list[Claim]:
 
 
 def late_births(path: ShearPath) -> float:
-    """Ratio of births in the second half of a path, by strain, to those in the first; NaN without the latter."""
+    """Ratio of births in the second half of a path, by strain, to those in the first; NaN if the first has none."""
     late = path.strain[1:] > 0.5 * path.strain[-1]
     born = np.maximum(np.diff(path.pairs), 0)
     return float(born[late].sum() / born[~late].sum()) if born[~late].sum() else np.nan
@@ -375,8 +375,8 @@ def damping_shares(eigenvalues: np.ndarray) -> tuple[float, float]:
 def isotropy_statistic(state: State) -> float:
     """Sum of squares with a χ² distribution for many independent, isotropic normals.
 
-    For the deviator D of the fabric tensor of n contacts it is n d (d + 2)/2 |D|², with d (d + 1)/2 − 1 degrees of
-    freedom in d dimensions, as components have the variance 2/(n d (d + 2)).
+    With the deviator D of the fabric tensor of n contacts, it is n d (d + 2)/2 |D|². In d dimensions, it has d (d +
+    1)/2 − 1 degrees of freedom, and components of D have the variance 2/(n d (d + 2)).
     """
     dim = state.cell.dim
     deviator = fabric(state)[:dim, :dim] - np.eye(dim) / dim
@@ -384,7 +384,7 @@ def isotropy_statistic(state: State) -> float:
 
 
 DECADES = 10.0  # decades of M over which the paper finds exponential growth
-MISFIT = np.log10(2.0)  # decades by which M may deviate from the predicted line, as oscillation alone makes it do
+MISFIT = np.log10(2.0)  # decades by which M may deviate from the predicted line, due to oscillation alone
 LEAST_DURATION = (
     "to be read with care, as the minimum duration of a run was set after runs of only 45 growth times had ended at a "
     "median of 0.13 while the stress was still falling"

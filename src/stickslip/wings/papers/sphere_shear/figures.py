@@ -180,7 +180,7 @@ def _plot_stress_and_contacts(axes, run) -> None:
 
 @style.styled
 def births_by_law(laws: list, packings: list):
-    """Fraction of packings that have had a pair against strain, one line per law.
+    """Fraction of packings that have had a pair, against strain, one line per law.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ MEASURES = Measures([
     Quantity("contacts_lost", "1", "contacts lost in the last run", "later.contacts_lost"),
 ], samples=_sheared, over=median)  # fmt: skip
 PACKING = Quantities([
-    Quantity("packing", "1", "its seed", "path.seed"),
+    Quantity("packing", "1", "seed of the packing", "path.seed"),
     *(MEASURES[name] for name in ("packing_fraction", "packing_pressure", "coordination", "rattlers")),
     Quantity("first pair", "1", "strain at which the first pair is born", lambda s:
              f"{s.path.onset.strain:.6g}" if s.path.onset else "at the start" if s.path.pairs[0] else "never"),

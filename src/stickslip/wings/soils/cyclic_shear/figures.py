@@ -38,7 +38,7 @@ GREY = "0.85"
 
 @styled
 def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirement(require_filled)]):
-    """Loops at up to six amplitudes, about the mean stress of the last cycle, which is drawn dark.
+    """Loops at up to six amplitudes, about the mean stress of the last cycle; the last cycle is drawn dark.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Measures of cyclic shear with curves of sands, table of cycles, loops, figures, archive and terminal summary.
+"""Output of cyclic shear: measures with curves of sands, table of cycles, loops, figures, archive and summary.
 
 For sands G/Gmax = 1/(1 + (γ/γ_r)^a), and the damping is b (G/Gmax)^0.1 times that of Masing's rule. The small-strain
 part is left out, because rate-independent steps cannot produce it. The coefficients are those of Darendeli (2001, PI =
@@ -31,7 +31,7 @@ from .simulate import (
 )
 
 SHOWN = ("G", "G_ratio", "damping", "storage", "loss", "sliding", "residual", "returned")
-OFF = 0.02  # relative difference between G at the smallest amplitude and the tangent modulus that is reported
+OFF = 0.02  # relative difference between G at the smallest amplitude and the tangent modulus; larger ones are reported
 ATMOSPHERE = 101.325e3  # [Pa]
 CYCLES = 10  # number of cycles assumed for the curves, which hardly depend on it
 UNIFORMITY = (1.0, 10.0)  # D60/D10 of uniform and of well-graded sands

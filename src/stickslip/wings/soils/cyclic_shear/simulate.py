@@ -3,7 +3,7 @@
 Each step ends in equilibrium, and its energies are posted to a ledger. γ_a and τ_a = G γ_a are the amplitudes between
 the turns of a loop. The damping ratio is D = ΔW/(4π W), with the area ΔW of the loop and W = ½ τ_a γ_a. ΔW is the work
 of the shear stress, including work within steps in which grains rearrange. G′ and G″ are the first Fourier coefficients
-of τ over γ₀, for γ = γ₀ sin θ, so ΔW = π γ₀² G″ except for the trapezoidal rule between equilibria.
+of τ over γ₀, for γ = γ₀ sin θ, so ΔW = π γ₀² G″ up to the error of the trapezoidal rule.
 """
 
 from functools import cached_property, partial
@@ -46,7 +46,7 @@ from .scenario import CyclicShearScenario
 
 ELASTIC = 1e-3  # damping ratio below which cycles that return are elastic
 RETURNED = 1e-2  # rms displacement over γ₀ D below which a sample has returned
-CLEAR = 1e-5  # damping ratio above which the work is split; the area of loops below is lost in round-off
+CLEAR = 1e-5  # damping ratio above which the work is split; the area of smaller loops is lost in round-off
 NAN = float("nan")
 SHEAR = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # displacement gradient of γ = 1
 
@@ -241,13 +241,13 @@ class SlidingWork:
 
     @property
     def strong(self) -> float:
-        """Share in contacts with more than the mean force; NaN without sliding."""
+        """Share of the work in contacts that carry more than the mean force; NaN without sliding."""
         total = float(np.concatenate(self.values).sum())
         return self.in_strong / total if total > 0 else np.nan
 
     @property
     def busiest(self) -> float:
-        """Share of the tenth of the contacts that dissipates most; NaN without sliding."""
+        """Share of the work in the tenth of the contacts that dissipates most; NaN without sliding."""
         _, index = np.unique(np.concatenate(self.keys), return_inverse=True)
         by_contact = np.sort(np.bincount(index, np.concatenate(self.values)))[::-1]
         total = by_contact.sum()
@@ -333,7 +333,7 @@ class Loop:
     def shares(self) -> dict[str, float]:
         """Contributions to the area: dissipation and storage, minus the work of σ_yy, and the residual.
 
-        `drawn` is the excess of the polygon through the equilibria.
+        `drawn` is the excess area of the polygon through the equilibria.
         """
         spent = {name: float(column[-1] - column[0]) for name, column in self.book._asdict().items()}
         shares = {

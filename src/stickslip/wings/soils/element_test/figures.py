@@ -23,10 +23,10 @@ from ....kit import (
 )
 from .measures import SERIES, STRESS
 
-HELD = 0.05  # relative range of p below which its axis does not zoom in on servo noise about a constant p
+HELD = 0.05  # relative range of p below which the axis does not zoom in on servo noise about a constant p
 MARKS = 40  # approximate number of points marked in a laboratory test
 FEW = 6  # largest number of samples distinguished by colour
-DASH, MARGIN = 4.0, 0.05  # dashes of lines over their width; part of an axis
+DASH, MARGIN = 4.0, 0.05  # length of dashes over the line width; margin as a fraction of an axis
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
 _Circles = Annotated[Any, Result("Circles", ("sigma1", "sigma3", "envelope"))]
@@ -41,7 +41,7 @@ def _axis(name: str, unit: str) -> str | tuple[str, str]:
 
 
 def _lines(axes, tables, x: str, y: str) -> None:
-    """Draw one line per sample; many samples are pale, with their mean if they have the same rows."""
+    """Draw one line per sample; lines of many samples are pale, with their mean if all have the same rows."""
     for k, table in enumerate(tables):
         few, label = len(tables) <= FEW, (pluralize(len(tables), "sample") if k == 0 else None)
         color, width, alpha = (COLORS[k], 0.8, 1) if few else (BLUE, 0.4, 0.4)
@@ -118,11 +118,11 @@ def _show_numbers(axes) -> None:
 
 @styled
 def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
-    """Void ratio against a stress, on a logarithmic axis unless it changes by less than a factor of 3.
+    """Void ratio against a stress, on a logarithmic axis unless the stress changes by less than a factor of 3.
 
     Parameters
     ----------
-    stress : name of its column: mean stress, or axial stress in an oedometric test
+    stress : name of the stress column: mean stress, or axial stress in an oedometric test
     """
     figure, axes = column_axes()
     tables = [table | {stress: np.abs(table[stress])} for table in tables]
@@ -255,7 +255,7 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
 def critical_state(ends: list[_Ends], unit: str):
     """Path ends of a sweep in the p–q and p–e planes, with critical-state lines.
 
-    Unsteady states are open marks. Members that differ only in pressure have the same colour.
+    Unsteady states are shown as open marks. Members that differ only in pressure have the same colour.
     """
     figure, (left, right) = subplots(1, 2, figsize=(PAGE, 2.6))
     for color, each in zip(COLORS, ends, strict=False):
@@ -288,7 +288,7 @@ def failure_directions(
     ----------
     probes : probed states with envelopes
     table : series of the sample
-    strain : name of the column of the imposed strain, and its sign of compression
+    strain : name of the column of the imposed strain, and the sign of that strain in compression
     first : strain at which each sign of failure first appears
     names : names of the components along the two axes of the strain plane
     """
@@ -313,7 +313,7 @@ def failure_directions(
     below.plot(at, np.zeros(len(at)), "|", color=BLACK, clip_on=False)
     label = r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$"
     bar = figure.colorbar(drawn, ax=below, label=label, pad=0.02)
-    bar.ax.set_ylim(min(-MARGIN, float(work.min())), 1)  # colours are those of −1 to 1
+    bar.ax.set_ylim(min(-MARGIN, float(work.min())), 1)  # colours range from −1 to 1
     label_axes(above, y=r"$\phi$ [°]")
     label_axes(below, x=SERIES[strain].axis, y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
     below.set(yticks=range(0, 361, 90), ylim=(0, 360))

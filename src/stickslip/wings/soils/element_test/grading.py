@@ -13,7 +13,7 @@ POINTS = 4001  # number of points of the distribution by number
 
 
 def require_span(smallest: float, largest: float) -> None:
-    """Raise ValueError if sizes span more than `WIDEST`."""
+    """Raise ValueError if sizes span more than a factor of `WIDEST`."""
     if not largest <= WIDEST * smallest:
         raise ValueError(
             f"a grading may span at most a factor of {WIDEST:g} in size, got {smallest:g} to {largest:g}: cut off the "
@@ -87,7 +87,7 @@ def misfit(grading: Grading, diameter: np.ndarray, dim: int) -> float:
 
 
 def grains_needed(grading: Grading, dim: int) -> int:
-    """Smallest power of two of grains that reproduces a curve within `MISFIT`, at most `LARGEST_SAMPLE`."""
+    """Smallest number of grains, a power of two up to `LARGEST_SAMPLE`, that reproduces a curve within `MISFIT`."""
     n = 16
     while n < LARGEST_SAMPLE and misfit(grading, diameters(grading, n, dim), dim) > MISFIT:
         n *= 2

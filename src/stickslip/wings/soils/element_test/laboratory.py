@@ -130,8 +130,8 @@ def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.
         q = out.setdefault("q", difference)
         if np.abs(q - difference).max() > CLOSE * np.abs(q).max():
             raise ValueError(
-                f"{path}: q reaches {_kpa(q)} and the axial stress minus the cell pressure {_kpa(difference)}: correct "
-                f"the column, or the unit, that is wrong"
+                f"{path}: q reaches {_kpa(q)}, but the axial stress minus the cell pressure {_kpa(difference)}: "
+                f"correct the wrong column or unit"
             )
     if "cell_pressure" in values and not {"p", "q", "axial_stress", "pore_pressure"} & set(out):
         out["p"] = values["cell_pressure"]
@@ -165,8 +165,8 @@ def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
             out["volumetric_strain"] = -strain
         if not 0.5 < abs(ratio) < 2:
             raise ValueError(
-                f"{path}: the volumetric strain is {abs(ratio):.3g} times that of the void ratio: correct the unit "
-                f"that is wrong"
+                f"{path}: the volumetric strain is {abs(ratio):.3g} times that of the void ratio: correct the wrong "
+                f"unit"
             )
 
 
@@ -211,7 +211,7 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
         ways = [np.sign(scenario.path.turns[0]), np.sign(test["axial_strain"][np.abs(test["axial_strain"]).argmax()])]
         if ways[0] * ways[1] < 0:
             ours, theirs = ("in extension" if way < 0 else "in compression" for way in ways)
-            raise ValueError(f"{path} is a test {theirs}, and path.strain {ours}: give path.strain the other sign")
+            raise ValueError(f"{path} is a test {theirs}, but path.strain is {ours}: give path.strain the other sign")
     confining = scenario.confining
     if "p" in test and abs(test["p"][0] - confining) > CLOSE * (confining or test["p"].max()):
         warnings.warn(
@@ -273,6 +273,6 @@ def _differences(tables: list[dict], test: dict, pairs: list[tuple[str, str]], u
             curves.append(np.interp(sign * grid, sign * table[x][:end][order], table[y][:end][order]))
         off = float(np.sqrt(np.mean((np.mean(curves[1:], axis=0) - curves[0]) ** 2)))
         yield (
-            f"Up to a strain of {reach:.3g} the mean of the samples differs by {off:.3g}{words} (rms) from the {label} "
+            f"Up to a strain of {reach:.3g}, the mean of the samples differs by {off:.3g}{words} rms from the {label} "
             f"of {name}."
         )

@@ -22,7 +22,7 @@ PEAK = 0.1  # largest fraction of the leg, on each side of the peak, used to fit
 BINS = 20  # number of strain bins in which stress ratio and dilatancy are averaged for Rowe's relation
 PARTS = 10  # number of bins in log pressure whose means are used to fit the slope of the void ratio
 FEW = 5  # smallest number of rows for a slope
-HALF = 0.4, 0.6  # range of q over strength in which the tangent at half of the strength is fitted
+HALF = 0.4, 0.6  # range of q, over the strength, in which the tangent at half of the strength is fitted
 MODES = {"tension": True, "shear": False}  # modes of breaking
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"
@@ -46,7 +46,7 @@ def pore_pressure(series: ElementSeries, dim: int, fluid: float | None = None) -
     """Excess pore pressure of an undrained test (T,) [force/length^(dim-1)].
 
     The grains carry the effective stress. At constant total lateral stress, an incompressible fluid takes up the loss
-    of effective lateral stress since the start. A fluid with the bulk modulus `fluid` has the pressure of
+    of effective lateral stress since the start. A fluid with the bulk modulus `fluid` has the pressure given by
     `fluid_pressure`.
     """
     if fluid:
@@ -56,7 +56,7 @@ def pore_pressure(series: ElementSeries, dim: int, fluid: float | None = None) -
 
 
 def invariants(stress: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean stress p and deviatoric stress q of stresses (T, 3, 3); q is negative in extension, and if −σ_xy is."""
+    """Mean stress p and deviatoric stress q of stresses (T, 3, 3); q is negative in extension, and where −σ_xy is."""
     part = 0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim]
     p = np.trace(part, axis1=1, axis2=2) / dim
     deviator = part - p[:, None, None] * np.eye(dim)
@@ -593,7 +593,7 @@ class Probed(NamedTuple):
 
     @property
     def least_work(self) -> float:
-        """Smallest normalised second-order work; NaN without a result."""
+        """Smallest normalised second-order work; NaN if there is none."""
         return float(np.nanmin(self.state.envelope.normalised_work)) if np.isfinite(self.state.weakest) else NAN
 
 
@@ -606,7 +606,7 @@ PROBE = Quantities([
     Quantity("strain", "1", "imposed strain"),
     Quantity("phi", "degrees", "mobilised angle of friction"),
     Quantity("least_work", "1", "smallest normalised second-order work"),
-    Quantity("direction", "degrees", "direction of that strain", lambda p: float(np.degrees(p.state.weakest))),
+    Quantity("direction", "degrees", "strain direction of smallest work", lambda p: float(np.degrees(p.state.weakest))),
     Quantity("determinant", "1", "smallest determinant of an acoustic tensor, normalised",
              lambda p: p.state.band.determinant if p.state.band else NAN),
     *(_growth(kind, words, k, held) for kind, words in (("pair", "oscillation"), ("divergence", "other motion"))

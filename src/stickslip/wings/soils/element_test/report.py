@@ -178,8 +178,8 @@ def _missing(result: ElementTestResult) -> list[str]:
     rigid = sum(bool(np.isfinite(run.elastic.shear)) for run in result.runs)
     if rigid < len(result.runs):
         out.append(
-            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives unresisted "
-            f"motions, or they have more than {MODULI_UP_TO} grains."
+            f"{rigid} of {len(result.runs)} samples have elastic moduli; in the others, a strain drives unresisted "
+            f"motions, or there are more than {MODULI_UP_TO} grains."
         )
     samples = [LoadedSample(run, result.scenario) for run in result.runs]
     last = sum(sample.sheared and sample.top == len(sample.first.load) - 1 for sample in samples)
@@ -193,7 +193,7 @@ def _missing(result: ElementTestResult) -> list[str]:
         volume, ratio, p = np.max([sample.drifts for sample in samples], axis=0)
         out.append(
             f"{number} of {len(samples)} samples reached a critical state, so the residual angle is undecided: "
-            f"over the last third of the path the volumetric strain changes by up to {volume:.2g} of the imposed one, "
+            f"over the last third of the path, the volumetric strain changes by up to {volume:.2g} of the imposed one, "
             f"q/p by {ratio:.1%} and p by {p:.1%}, and each must be below {STEADY:.0%}; use a larger strain or more "
             f"grains."
         )
@@ -245,8 +245,8 @@ def _quasi_static(result: ElementTestResult) -> list[str]:
     scenario, numbers = result.scenario, MEASURES.finite_values(result)
     if scenario.path.integrator == "dynamic":
         return [
-            f"The strain rate of {scenario.rate:.3g} is an inertial number of {scenario.rate * scenario.time:.2g}; the "
-            f"mean unbalanced force was at most {numbers['largest_unbalanced'].mean:.2g} of the mean contact force."
+            f"The strain rate of {scenario.rate:.3g} gives an inertial number of {scenario.rate * scenario.time:.2g}; "
+            f"the mean unbalanced force was at most {numbers['largest_unbalanced'].mean:.2g} of the mean contact force."
         ]
     share = numbers["rearranged_share"].mean if "rearranged_share" in numbers else 0.0
     return [f"Grains rearranged in {share:.0%} of the steps, in which equilibria were found by damped dynamics."]
@@ -378,7 +378,7 @@ def fit_envelope(sigma1: np.ndarray, sigma3: np.ndarray) -> Envelope:
 
 
 def _least_squares(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients (2,) of a line, and their covariance (2, 2) by Student's t²; NaN with two values."""
+    """Coefficients (2,) of a line, and their covariance (2, 2) times Student's t², which is NaN with two values."""
     found, *_ = np.linalg.lstsq(basis, values)
     rest, free = values - basis @ found, len(values) - 2
     if not free:

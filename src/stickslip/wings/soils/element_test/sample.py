@@ -152,8 +152,8 @@ def make_sample(sample: ElementSample, law: Law, seed: int, report: Report) -> t
     return end, packing_info(end, law)
 
 
-STEPS = 5  # number of pressure steps from the sample to the test
-CUT = 3.0  # standard deviations at which the distribution of strengths is cut off
+STEPS = 5  # number of pressure steps between the pressures of the sample and of the test
+CUT = 3.0  # number of standard deviations at which the distribution of strengths is cut off
 
 
 @readable

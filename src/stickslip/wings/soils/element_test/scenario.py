@@ -477,7 +477,7 @@ class ElementTestScenario(SampleScenario):
         return self._check_bonds()
 
     def _check_bonds(self):
-        """Check if the forces of bonds can be computed.
+        """Check whether the forces of bonds can be computed.
 
         Round-off of positions in a cell of N^(1/dim) diameters, times the stiffness, must stay below the unbalanced
         force of an equilibrium. Strengths must be well above that force. Bonds must break before they double their

@@ -82,9 +82,9 @@ FOLLOWS = 30  # largest number of corrections of such stresses per step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
 GAINS = 0.5, 0.2  # proportional and integral gain per block in the control of a total stress
 LAG = 0.01  # change of that stress per block, over the pressure, for a sample that does not yield
-PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate
+PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate of other paths
 MODULI_UP_TO = 5000  # largest number of grains for which elastic moduli are computed
-FURTHER, FURTHER_BY = 10, 0.1  # steps after damped dynamics, and their strain in mean overlaps over diameters
+FURTHER, FURTHER_BY = 10, 0.1  # steps after damped dynamics, and their strain over (mean overlap)/(diameter)
 SAVE_EVERY = 20.0  # time between two saved pieces of an unfinished path [s]
 
 
@@ -270,7 +270,7 @@ def load_sample(
 
 
 def _cement(scenario: ElementTestScenario, state: State, law: Law, seed: int, tolerance: float) -> Cemented:
-    """Cement a sample under its pressure and unload it to that of its test."""
+    """Cement a sample under its pressure and unload it to the pressure of its test."""
     state = with_cement(state, scenario.cement, scenario.contact_modulus, seed)
     scales = compression_scales(state, law, scenario.stress_scale, tolerance)
     mass = servo_mass(state, scenario.stress_scale, scales)

@@ -52,7 +52,7 @@ BEFORE = r"strain before the event $\gamma_c - \gamma$"
 def eigenvalue_before_events(events: _Table):
     """Squared smallest eigenvalue before saddle nodes, and smallest eigenvalue before a contact starts to slide.
 
-    Distances are strains before the event. Eigenvalues are divided by those at the largest distance. At a saddle node
+    Distances are strains before the event. Eigenvalues are divided by those at the largest distance. At a saddle node,
     λ² falls in proportion to the distance. Before a contact starts to slide, λ stays constant; with this contact set to
     slide, it is negative (points at the right).
     """

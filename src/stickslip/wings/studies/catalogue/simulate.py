@@ -188,7 +188,7 @@ def event_table(samples) -> Table:
         elif name in ("opened", "closed"):
             out[name] = np.array(values, int)
         elif name in ("distances", "softest", "re_pair", "growth"):
-            # one column for each distance; NaN without a value
+            # one column for each distance; NaN if there is no value
             table = np.full((len(values), 1 + max((int(k.max()) for k in places if len(k)), default=-1)), np.nan)
             for row, value, k in zip(table, values, places, strict=True):
                 row[k] = value
@@ -407,7 +407,7 @@ def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAM
 
 
 def label_steps(steps: Table, events: Table, window: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return masks of the steps that an event follows within a window of strain, and of those where this is known."""
+    """Return masks of the steps followed by an event within a window of strain, and of steps where this is known."""
     followed, known = np.zeros(len(steps["strain"]), bool), np.zeros(len(steps["strain"]), bool)
     reach = window * (1 + 1e-9)
     for packing in np.unique(steps["sample"]):
@@ -518,7 +518,7 @@ def show(result: CatalogueResult) -> None:
     values = MEASURES(result)
     console.print(
         f"{pluralize(result.number, 'event')} in {pluralize(len(result.samples), 'packing')}, "
-        f"{values['events_per_strain'][0]:.3g} for each unit of strain; drag {result.scenario.shear.drag:g} of the "
+        f"{values['events_per_strain'][0]:.3g} per unit strain; drag {result.scenario.shear.drag:g} of the "
         f"highest frequency."
     )
     table = new_table("class", "number", title="Events", left=("class",))

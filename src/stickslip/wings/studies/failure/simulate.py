@@ -139,8 +139,8 @@ STRESS, RATE, SQUARE = "force/length^(dim-1)", "1/time", "1/time^2"
 SHOWN = 12  # largest number of rows in a terminal table
 RECORD = (
     "An interval should contain 80 % of the events that occur. Many predicted events do not occur, above all "
-    "with friction; the softest eigenvalue predicts few at usual steps, and forecasts of pairs were no better than "
-    "their last spacing: see stickslip docs failure."
+    "with friction; the softest eigenvalue predicts few at usual step sizes, and forecasts of pairs were no better "
+    "than their last spacing: see stickslip docs failure."
 )
 
 
@@ -154,45 +154,45 @@ CURVE = Quantities([
     Quantity("stress", STRESS, "stress that does work on the strain"),
     Quantity("pressure", STRESS, "pressure"),
     Quantity("pairs", "1", "complex pairs"),
-    Quantity("growth rate", RATE, "of the fastest pair without drag", "growth"),
+    Quantity("growth rate", RATE, "growth rate of the fastest pair without drag", "growth"),
     Quantity("softest", SQUARE, "smallest real eigenvalue"),
     Quantity("exponent", RATE, "largest exponent of growth under the drag"),
     Quantity("negative", "1", "directions of negative stiffness"),
     Quantity("touching", "1", "contacts"),
     Quantity("sliding", "1", "contacts at the Coulomb limit"),
     Quantity("loss ahead", "1", "strain to the loss of a contact that causes instability", "loss_ahead"),
-    Quantity("verdict", "1", "on the motion without drag"),
+    Quantity("verdict", "1", "verdict on the motion without drag"),
     Quantity("bonds", "1", "intact bonds"),
     Quantity("bond share", "1", "largest share of its strength that a bond carries", "bond_share"),
 ])  # fmt: skip
 LIVES = Quantities([
     Quantity("born below", "1", "strain at which the pair does not yet exist", "born_below"),
-    Quantity("born", "1", "strain at which it is there"),
-    Quantity("died", "1", "last strain at which it is there"),
-    Quantity("died above", "1", "strain at which it is gone", "died_above"),
+    Quantity("born", "1", "first strain at which it exists"),
+    Quantity("died", "1", "last strain at which it exists"),
+    Quantity("died above", "1", "strain at which it no longer exists", "died_above"),
     Quantity("growth rate", RATE, "largest growth rate", "growth"),
     Quantity("at", "1", "strain of the largest growth rate"),
     Quantity("event", "1", "1 if an event lies in one of the brackets", lambda life: int(life.event)),
 ])  # fmt: skip
 EVENTS = Quantities([
     Quantity("strain", "1", "upper end of the bracket"),
-    Quantity("below", "1", "its lower end"),
+    Quantity("below", "1", "lower end of the bracket"),
     Quantity("kind", "1", "class of the event", lambda event: event.kind.name.lower()),
-    Quantity("i", "1", "grain of the contact that starts it, −1 without", lambda event: event.trigger[0]),
-    Quantity("j", "1", "its other grain", lambda event: event.trigger[1]),
-    Quantity("mobilisation", "1", "|F_t|/(μ F_n) of that contact before"),
-    Quantity("growth rate", RATE, "of the instability under the drag", "growth_rate"),
-    Quantity("stress drop", "1", "over the pressure", "stress_drop"),
+    Quantity("i", "1", "grain of the contact that starts it; −1 if none", lambda event: event.trigger[0]),
+    Quantity("j", "1", "other grain of that contact", lambda event: event.trigger[1]),
+    Quantity("mobilisation", "1", "|F_t|/(μ F_n) of that contact before the event"),
+    Quantity("growth rate", RATE, "growth rate of the instability under the drag", "growth_rate"),
+    Quantity("stress drop", "1", "stress drop over the pressure", "stress_drop"),
     Quantity("jump", "1", "non-affine displacement in mean diameters"),
     Quantity("opened", "1", "contacts that opened"),
     Quantity("closed", "1", "contacts that closed"),
 ])  # fmt: skip
 CONTACTS = _of_rows(
-    ("above", "strain before the step"), ("strain", "strain after it"), ("what", "change of the contact"),
+    ("above", "strain before the step"), ("strain", "strain after the step"), ("what", "change of the contact"),
     ("i", "grain"), ("j", "other grain"), ("event", "1 in a step with an event"),
 )  # fmt: skip
 BREAKS = _of_rows(
-    ("below", "last strain without the event in which the bond breaks"), ("strain", "strain with it"),
+    ("below", "last strain without the event in which the bond breaks"), ("strain", "first strain with it"),
     ("i", "grain"), ("j", "other grain"), ("by", "load that broke it"),
 )  # fmt: skip
 FORECASTS = Quantities([

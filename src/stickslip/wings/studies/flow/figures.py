@@ -36,7 +36,8 @@ from ....kit import (
 from ....measure import wrapped
 
 PANELS = 6
-MOST, BELOW, BESIDE, BAR = 2.8, 0.45, 0.5, 0.55  # height of a row, that of its words, room beside a panel, bar [inches]
+# largest height of a row, height of its text, and widths of the room beside a panel and of the bar [inches]
+MOST, BELOW, BESIDE, BAR = 2.8, 0.45, 0.5, 0.55
 WALL = "0.25"
 
 

@@ -1,4 +1,4 @@
-"""Initial state of a flow, grains on a loose lattice between walls and plates, and the stages that follow.
+"""Initial state of a flow (grains on a loose lattice between walls and plates), and the stages that follow.
 
 Stages move walls and plates and set gravity and drag; engines and LAMMPS run them as legs.
 """
@@ -35,7 +35,7 @@ from ...lammps.run import lammps_engine, leg_folder, read_leg, walls_at, with_re
 from ...lammps.supported import check_leg
 from .scenario import AXES, FlowScenario, Plate, Shaking, Stage, force_axis
 
-SAFETY = 0.1  # in √(m/k): about 1/20 of a collision's duration π √(m/2k), 1/6 of the stability limit with six contacts
+SAFETY = 0.1  # in √(m/k): 1/20 of a collision's duration π √(m/2k), and 1/6 of the stability limit with six contacts
 LIMIT = 0.58  # in √(m/k): the stability limit 2/√12 with six neighbours at rest and contacts of stiffness k
 JITTER = 0.9  # fraction of the free space around each grain on the lattice
 
@@ -214,7 +214,7 @@ def _plate_grains(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndar
     if wide >= 2 * (size + float(radius.min())):
         raise ScenarioError(
             f"plate {plate.name!r} has holes of {wide - 2 * size:.3g} between its grains, through which the smallest "
-            f"grain (diameter {2 * radius.min():.3g}) falls: use a smaller spacing or a larger radius"
+            f"grain (diameter {2 * radius.min():.3g}) would fall: use a smaller spacing or a larger radius"
         )
     many = Size(f"plate {plate.name!r} would have", float(np.prod(np.array(number, float))), "grains",
                 "use larger ones or a smaller cell")  # fmt: skip

@@ -162,7 +162,7 @@ def simulate_threshold(
     NotInEquilibriumError
         If the sample has no equilibrium without shear load.
     ScenarioError
-        If it slides spontaneously below the smallest load of the kicks, or if its runs would be unstable.
+        If the sample slides spontaneously below the smallest load of the kicks, or if its runs would be unstable.
     RuntimeError
         If a run blows up.
 
