@@ -18,8 +18,9 @@ HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 MEASURES = """Each run provides these numbers in `results.h5`, as columns of sweeps, and in `result.to_dataframe()`. The
 name of a number that belongs to an amplitude, a velocity or a load ends in `@` and that value."""
 OVER = {  # the samples of a run
-    estimate: "Each is a mean over samples. A second one, whose name ends in `_error`, is half of its 95 % interval.",
-    median: "Each is the median over the samples for which it has a value.",
+    estimate: "Each number is a mean over samples. A second number, whose name ends in `_error`, is half the\n"
+    "width of its 95 % interval.",
+    median: "Each number is the median over the samples for which it has a value.",
 }
 ALLOWED = {"where": "text, or list of texts", "draws": "path of a CSV file, or table of lists"}  # in [sweep]
 
@@ -67,7 +68,7 @@ no other units.
 
 ## Sizes
 
-Several keys together may require more than a machine can store or compute. Each scenario states the sizes of its run
+Several keys together may require more than a machine can store or compute. Each scenario computes the sizes of its run
 (`scenario.sizes()`). A scenario beyond these limits is rejected before anything is allocated or written. The functions
 of `ss.packings`, `ss.protocols` and `ss.run` have the same limits.
 
@@ -217,8 +218,9 @@ def sweep_page() -> str:
     example = (EXAMPLES / "rate_state_sweep.toml").read_text(encoding="utf-8").strip()
     return f"""# Sweeps
 
-Any scenario may contain a `[sweep]` table; `stickslip run` then collects the results of all members in a dataset. The
-modes, the output files and the use of clusters are described in [many runs](../many_runs.md).
+Any scenario may contain a `[sweep]` table; `stickslip run` then collects the results of all its runs, the members of
+the sweep, in a dataset. The modes, the output files and the use of clusters are described in [many
+runs](../many_runs.md).
 
 | key | default | allowed | |
 |---|---|---|---|

@@ -204,22 +204,22 @@ KEYS = {name: Key(field.annotation, field.description, field.default) for name, 
 KEYS |= {
     "kind": Key(str, "name of the law", ""),
     "coulomb": Key(Literal["smooth", "sharp"], "approach of F_t to the Coulomb limit μ F_n", "sharp"),
-    "kn": Key(Positive, "k_n, in a unit that depends on `kind`"),
-    "kt": Key(NotNegative, "k_t, in the unit of `kn`; default: 2/7 of `kn`"),
+    "kn": Key(Positive, "normal stiffness k_n, in a unit that depends on `kind`"),
+    "kt": Key(NotNegative, "tangential stiffness k_t, in the unit of `kn`; default: 2/7 of `kn`"),
     "young": Key(Positive, "Young's modulus E; with `poisson` it determines k_n and k_t [stress]"),
     "poisson": Key(Annotated[float, Field(gt=-1, le=0.5)], "Poisson's ratio ν"),
     "mu": Key(NotNegative, "friction coefficient between grains", 0.5),
     "damping": Key(
         Literal[*DAMPING],
-        "model of the dashpots, which sets the factor of γ; default: viscoelastic for hertz_mindlin_reff, otherwise "
-        "mass_velocity",
+        "model of the dashpots, which determines the factor that multiplies γ; default: viscoelastic for "
+        "hertz_mindlin_reff, otherwise mass_velocity",
     ),
     "damping_n": Key(
         NotNegative,
-        "γ_n of the normal dashpot, in a unit that depends on `damping`; coefficient of restitution with tsuji and "
-        "coeff_restitution",
+        "coefficient γ_n of the normal dashpot, in a unit that depends on `damping`; with tsuji and "
+        "coeff_restitution, the coefficient of restitution",
     ),
-    "damping_t": Key(NotNegative, "γ_t of the tangential dashpot, in the unit of `damping_n`"),
+    "damping_t": Key(NotNegative, "coefficient γ_t of the tangential dashpot, in the unit of `damping_n`"),
     "damping_ratio": Key(NotNegative, "γ_t/γ_n, instead of `damping_t`; default: 1/2 with a restitution, otherwise 0"),
     "restitution": Key(
         Annotated[float, Field(gt=0, le=1)],
@@ -230,8 +230,8 @@ KEYS |= {
         "conversion of the restitution to γ_n; eq8: by Eq 8 of Ferdowsi & Rubin 2021 as printed; collision: such that "
         "a collision under this law has the given restitution",
     ),
-    "size": Key(Positive, "diameter of the two grains [length]"),
-    "speed": Key(Positive, "speed of their collision; not needed with a linear law [length/time]"),
+    "size": Key(Positive, "diameter of the two colliding grains [length]"),
+    "speed": Key(Positive, "speed at which two grains collide; not needed with a linear law [length/time]"),
     **{name: _own_key(name) for name in OWN_PARAMETERS},
     "lever": Key(Literal[*ARMS], "lever arms of tangential forces: radius (R, the default) or overlap (R − δ/2)"),
     "memory": Key(Literal[*MEMORIES], "memory of contacts: slip (default) or force, as in LAMMPS mindlin/force"),

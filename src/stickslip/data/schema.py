@@ -93,7 +93,7 @@ class ScenarioBase(ScenarioTable):
     MADE_BY: ClassVar[str] = "scenario or read_scenario"
     si: ClassVar[bool] = False  # True if its units are SI by definition
     units: Annotated[Literal["SI"] | UnitNames | None, BeforeValidator(_check_units)] = Field(
-        None, description="units of all numbers, for printing only; nothing is converted; default: not named"
+        None, description="names of the units, for printing only; nothing is converted; default: no names"
     )
     if TYPE_CHECKING:
         experiment: str  # its name, a literal in each class

@@ -71,8 +71,8 @@ class Values(ScenarioTable):
     linspace: Ends | None = _about("evenly spaced, including both ends")
     geomspace: Annotated[Ends, BothPositive] | None = _about("evenly spaced in the logarithm, including both ends")
     uniform: Annotated[Ends, Rising] | None = _about("random, uniform between two ends")
-    loguniform: Annotated[Ends, Rising, BothPositive] | None = _about("random, its logarithm uniform between ends")
-    integers: Annotated[Ends, Rising, BothWhole] | None = _about("random, both ends included")
+    loguniform: Annotated[Ends, Rising, BothPositive] | None = _about("random, uniform in the logarithm between ends")
+    integers: Annotated[Ends, Rising, BothWhole] | None = _about("random integers, both ends included")
     normal: Normal | None = _about("random, with mean and standard deviation")
     column: str | None = _about("a column of `draws`, multiplied by f (default 1); all columns vary together")
     count: Count | None = _about("for `seed` only: the seed of the scenario and the following ones")
@@ -100,7 +100,7 @@ class Options(ScenarioTable):
     """Options of a [sweep] table."""
 
     mode: Literal["grid", "zip", "sample"] = Field(
-        "grid", description="all combinations, first values together, or random points"
+        "grid", description="grid: all combinations; zip: values at equal positions of the lists; sample: random points"
     )
     number: Count | None = Field(None, description='number of points of a sample, or of every key with `mode = "zip"`')
     draw: Literal["latin-hypercube", "sobol"] = Field(

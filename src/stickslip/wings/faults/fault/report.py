@@ -329,7 +329,7 @@ MEASURES = Measures([
     _of_events("max_velocity", "m/s", "largest slip velocity"),
     _of_events("duration", "s", "duration", lambda events: events.end - events.start),
     _of_events("nucleation_depth", "m", "depth at which an event nucleates", lambda events: events.depth),
-    _of_events("nucleation_length", "m", "length of the nucleation"),
+    _of_events("nucleation_length", "m", "length of the nucleation zone"),
     _of_events("rupture_bottom", "m", "lower end of the rupture", lambda events: events.bottom),
     _of_events("moment", "N", "moment for each unit of length along strike"),
     Quantity("magnitude", "1", "moment magnitude for line.strike_length, mean over settled events",
@@ -347,5 +347,6 @@ MEASURES = Measures([
     Quantity("radiated_fraction", "1", "radiated energy over the work of loading",
              lambda r: r.history.energy.radiated / r.history.energy.loading if r.history.energy.loading else np.nan),
     Quantity("energy_residual", "1", "residual of the energy balance over the work", "history.energy.residual"),
-    Quantity("crept_length", "m", "length that slipped by D_c or more beyond plate motion; NaN at constant stress"),
+    Quantity("crept_length", "m", "length of the part that slipped by D_c or more in excess of "
+             "plate motion; NaN at constant stress"),
 ])  # fmt: skip

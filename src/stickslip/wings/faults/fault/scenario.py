@@ -93,7 +93,9 @@ class NormalStress(ScenarioTable):
     times: Numbers = Field((), description="times of a table, increasing [s]")
     depths: Numbers = Field((0.0,), description="depths of a table, increasing [m]")
     changes: Annotated[tuple[Numbers, ...], Listed] = Field(
-        (), description="of a table: one list over depth for each time, interpolated linearly; minus a pressure [Pa]"
+        (),
+        description="changes in a table: one list over depth for each time, interpolated linearly; pressures count "
+        "as negative [Pa]",
     )
     file: str | None = Field(
         None, description="CSV file, instead of times, depths and changes; see `ss.friction.read_stress_table`"

@@ -73,7 +73,7 @@ class Samples(ScenarioTable):
     """Recorded samples."""
 
     number: Annotated[int, Field(ge=10, le=100_000)] = Field(
-        150, description="number of samples of each leg; they are closer together at its beginning"
+        150, description="number of samples in each leg; they are closer together at the beginning of the leg"
     )
     noise: NotNegative = Field(0.0, description="standard deviation of noise added to the recorded friction")
     correlation: Annotated[float, Field(ge=0, lt=1)] = Field(

@@ -85,12 +85,12 @@ class Relaxation(ScenarioTable):
     drag: Positive = Field(0.05, description="drag on translations per unit mass [1/time]")
     spin_drag: Positive | None = Field(None, description="drag on rotations; default: same as `drag` [1/time]")
     dt: Positive = Field(0.1, description="time step of the damped dynamics [time]")
-    tolerance: Positive = Field(1e-14, description="largest unbalanced force, or torque over R [force]")
+    tolerance: Positive = Field(1e-14, description="largest unbalanced force, or torque over R, at rest [force]")
     steps: Annotated[int, Field(ge=1)] = Field(2_000_000, description="number of steps after which the search stops")
 
 
 class Dynamics(ScenarioTable):
-    """Newtonian runs with a tiny random velocity, from the equilibria at which the path first passes given loads."""
+    """Newtonian runs with tiny random velocities, from the equilibria at which the path first reaches given loads."""
 
     loads: Loads = Field((0.03, 0.04, 0.062, 0.083, 0.087, 0.09), description="pushes where runs start [`load.unit`]")
     watch: Finite | None = Field(
@@ -112,7 +112,7 @@ class Dynamics(ScenarioTable):
 
 
 class Sliding(ScenarioTable):
-    """Realisations of the transition at loads at which the array slides, for fronts and the sliding velocity."""
+    """Realisations of the transition at loads at which the array slides, to measure fronts and the sliding velocity."""
 
     loads: Loads = Field((), description="pushes; default: none, and hence no realisations [`load.unit`]")
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(

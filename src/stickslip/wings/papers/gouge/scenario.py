@@ -143,7 +143,7 @@ class RateState(ScenarioTable):
 
 
 class Settling(ScenarioTable):
-    """Preparation of a sample at rest; each stage ends when its criterion is met, or fails after `most`."""
+    """Preparation of a sample at rest; each stage ends when its criterion is met, or fails after `most` steps."""
 
     approach: Positive = Field(5.0, description="velocity of the upper wall until it carries the normal stress [m/s]")
     drag: NotNegative = Field(
@@ -156,7 +156,7 @@ class Settling(ScenarioTable):
 
 
 class Preparation(Settling):
-    """Preparation of a steadily sliding sample; each stage ends when its criterion is met, or fails after `most`."""
+    """Preparation of a steadily sliding sample; a stage ends when its criterion is met, or fails after `most` steps."""
 
     velocity: Positive = Field(0.3, description="velocity of the load point until sliding is steady [m/s]")
     slip: Positive = Field(
@@ -172,7 +172,7 @@ class Preparation(Settling):
 
 
 class Slide(ScenarioTable):
-    """Slide of the load point at one velocity, 0 for a hold, until a given slip, a time or steady sliding."""
+    """Slide of the load point at one velocity (0 for a hold), for a given slip or time, or until it is steady."""
 
     kind: Literal["slide"] = "slide"
     velocity: NotNegative = Field(description="velocity of the load point; 0 is a hold [m/s]")

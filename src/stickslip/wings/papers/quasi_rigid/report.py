@@ -101,14 +101,14 @@ def _collapses(result: QuasiResult) -> list[Made]:
 NAN = float("nan")
 MEASURES = Measures([
     Quantity("last_load", "1", "fraction of the load at which the path ends", lambda sample: sample.path.load[-1]),
-    Quantity("stress_ratio", "1", "ratio of the stresses at that end", lambda sample: sample.curve.ratio[-1]),
-    Quantity("strain", "1", "strain at that end", lambda sample: sample.curve.strain[-1]),
+    Quantity("stress_ratio", "1", "stress ratio at the end of the path", lambda sample: sample.curve.ratio[-1]),
+    Quantity("strain", "1", "strain at the end of the path", lambda sample: sample.curve.strain[-1]),
     Quantity("events", "1", "changes of contact status along the path", lambda sample: len(sample.path.events)),
     Quantity("collapses", "1", "collapses with larger motion than the load alone would cause",
              lambda sample: sum(not event.quiet for event in sample.path.collapses)),
     Quantity("sliding_share", "1", "fraction of contacts at the Coulomb limit at the end",
              lambda sample: sample.path.points[-1].sliding / max(sample.path.points[-1].contacts, 1)),
-    Quantity("error_of_slowest_dynamics", "1", "error of the strain of the slowest dynamics",
+    Quantity("error_of_slowest_dynamics", "1", "difference in strain between the slowest dynamics and the path",
              lambda sample: max(sample.slow, key=lambda run: run.time).error if sample.slow else NAN),
     Quantity("collapse_load", "1", "load at which the dynamics loses stability",
              lambda sample: NAN if sample.collapse is None else sample.collapse),

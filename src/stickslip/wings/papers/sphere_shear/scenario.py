@@ -29,13 +29,13 @@ class Shear(ScenarioTable):
     slip: bool = Field(True, description="whether the affine displacement contributes to the slip of the contacts")
     tolerance: Positive | None = Field(
         None,
-        description="largest unbalanced force, or torque over R; default: 5e-14 kn d^(3/2) under Hertz's law, with the "
-        "smallest diameter d [force]",
+        description="largest unbalanced force, or torque over R, at equilibrium; default: 5e-14 kn d^(3/2) under "
+        "Hertz's law, with the smallest diameter d [force]",
     )
     on_instability: Literal["tell", "follow-dynamics", "stop"] = Field(
         "tell",
-        description="reaction to a step to an unstable equilibrium or another branch: count it, follow damped "
-        "dynamics, or end the path",
+        description="reaction to a step that ends at an unstable equilibrium or on another branch: count it, follow "
+        "damped dynamics, or end the path",
     )
     drag: Positive | None = Field(
         None,

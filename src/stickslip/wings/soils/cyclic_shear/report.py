@@ -127,7 +127,7 @@ MEASURES = Measures(
         Quantity("gamma_returns", "1", "largest amplitude up to which grains return",
                  lambda sample: sample.up_to("elastic", "reversible", "periodic")),
         Quantity("residual", "1", "largest residual of a loop, over its area"),
-        Quantity("in_band", "1", "fraction of amplitudes with G/Gmax and damping of sands",
+        Quantity("in_band", "1", "fraction of amplitudes at which G/Gmax and damping lie in the bands of sands",
                  lambda sample: float(in_band(sample.scenario, sample.table).mean())),
         Quantity("G_ratio", "1", "G/Gmax at an amplitude", lambda sample: sample.at_amplitudes("G_ratio")),
         Quantity("damping", "1", "damping ratio at an amplitude", lambda sample: sample.at_amplitudes("damping")),

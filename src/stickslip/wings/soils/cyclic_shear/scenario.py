@@ -20,7 +20,7 @@ class Cycles(ScenarioTable):
     )
     number: Annotated[int, Field(ge=1, le=10_000)] = Field(3, description="number of cycles at each amplitude")
     steps: Annotated[int, Field(ge=12, le=100_000, multiple_of=4)] = Field(
-        40, description="steps of a cycle, evenly spaced in θ; a multiple of 4"
+        40, description="number of steps in a cycle, evenly spaced in θ; a multiple of 4"
     )
     normal: Literal["constant-volume", "constant-stress"] = Field(
         "constant-volume",

@@ -92,7 +92,7 @@ class ThreeSizes(ScenarioTable):
 
 
 class SieveTable(ScenarioTable):
-    """Grading curve: share passing by mass, interpolated linearly in the logarithm of the size."""
+    """Grading curve: fraction by mass that passes each size, interpolated linearly in the logarithm of the size."""
 
     kind: Literal["table"] = "table"
     sizes: Sizes = Field(min_length=2, description="diameters, increasing [length]")
@@ -195,7 +195,7 @@ class ElementLaw(LawTable):
 
 
 class Loading(ScenarioTable):
-    """Load path from the isotropic state: strain is imposed in one direction; the others follow from the stress."""
+    """Load path from the isotropic state: strain is imposed in one direction; `kind` determines the others."""
 
     kind: Literal[
         "isotropic",

@@ -14,7 +14,7 @@ class EventShear(ScenarioTable):
     drag: Positive = Field(
         description=(
             "drag of the dynamics between the last stable state and the end of an event, over the largest frequency "
-            "of the packing (2/dt of its largest stable time step); there is no default, because the drag determines "
+            "of the packing (2/dt for its largest stable step dt); there is no default, because the drag determines "
             "which oscillations are unstable"
         )
     )
@@ -22,7 +22,7 @@ class EventShear(ScenarioTable):
     step: Positive = Field(4e-4, description="strain step between events")
     resolution: Positive = Field(1e-6, description="width of the bracket around the strain of an event")
     window: Positive = Field(
-        4e-4, description="strain within which an event must follow an announcement for it to count as correct"
+        4e-4, description="strain within which an event must follow a warning for the warning to count as correct"
     )
 
     @model_validator(mode="after")
@@ -47,7 +47,7 @@ class CatalogueScenario(ScenarioBase):
     experiment: Literal["catalogue"] = "catalogue"
     seed: Seed = 0
     events: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
-        20, description="number of events after which no further packing is sheared; the last one is completed"
+        20, description="number of events after which no further packing is sheared; the current one is completed"
     )
     packings: Annotated[int, Field(ge=1, le=100_000)] = Field(
         100, description="largest number of packings, with seeds seed, seed + 1, …"

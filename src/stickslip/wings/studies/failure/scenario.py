@@ -26,18 +26,18 @@ class Input(ScenarioTable):
 
 
 class InputLaw(LawOrFile):
-    """Law of the packing, if its file has none or to replace it; missing keys are taken from the file."""
+    """Law of the packing, required if its file has none; keys that are missing here are taken from the file."""
 
     kind: Literal[*BY_NAME] | None = Field(None, description="name of a built-in law")
     coulomb: Literal["smooth", "sharp"] | None = Field(None, description="transition of F_t to the Coulomb limit")
-    kn: Positive | None = Field(None, description="k_n, in a unit that depends on `kind`")
-    kt: NotNegative | None = Field(None, description="k_t, in the unit of `kn`")
+    kn: Positive | None = Field(None, description="normal stiffness k_n, in a unit that depends on `kind`")
+    kt: NotNegative | None = Field(None, description="tangential stiffness k_t, in the unit of `kn`")
     mu: NotNegative | None = Field(None, description="friction coefficient")
     young: Positive | None = Field(None, description="Young's modulus E, instead of `kn` and `kt` [stress]")
     poisson: Finite | None = Field(None, description="Poisson's ratio ν")
     damping: str | None = Field(None, description="model of the dashpots")
-    damping_n: NotNegative | None = Field(None, description="γ_n of the normal dashpot")
-    damping_t: NotNegative | None = Field(None, description="γ_t of the tangential dashpot")
+    damping_n: NotNegative | None = Field(None, description="coefficient γ_n of the normal dashpot")
+    damping_t: NotNegative | None = Field(None, description="coefficient γ_t of the tangential dashpot")
     more: dict[str, Finite] = Field({}, description="parameters that only this law has, such as `work` of jkr")
     file: str | None = LawFile.model_fields["file"]
     parameters: dict[str, Finite] = LawFile.model_fields["parameters"]
@@ -57,7 +57,7 @@ class Until(ScenarioTable):
     )
     reverse: bool = Field(False, description="whether the strain decreases, if `until` is not a strain")
     step: Positive | None = Field(
-        None, description="largest strain step; default: 0.02 mean overlaps over the mean diameter"
+        None, description="largest strain step; default: 0.02 times the mean overlap over the mean diameter"
     )
     limit: Positive | None = Field(
         None, description="strain at which the path ends without an instability; default: 500 steps"

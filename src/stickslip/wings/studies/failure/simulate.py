@@ -223,7 +223,7 @@ MEASURES = Measures([
     Quantity("growth_rate", RATE, "growth rate at the end, without drag", lambda f: f.steps[-1].growth),
     Quantity("first_slide", "1", "strain by which the first contact slides", lambda f: _first(
         step.strain for step in f.steps if (step.changes[:, 0] == 2).any())),
-    Quantity("drop", "1", "stress drop of the events over the pressure, median",
+    Quantity("drop", "1", "median stress drop of the events over the pressure",
              lambda f: median(e.stress_drop for e in f.events)),
 ], subject=lambda result: result.found)  # fmt: skip
 

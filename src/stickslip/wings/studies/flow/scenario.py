@@ -61,7 +61,9 @@ Course = Annotated[Finite | tuple[Knot, ...] | Shaking, BeforeValidator(_check_c
 class Motion(ScenarioTable):
     """Prescribed velocity along some axes; the motion along the other axes is unchanged."""
 
-    x: Course | None = Field(None, description="a number, [[time, velocity], …] or shaking [length/time]")
+    x: Course | None = Field(
+        None, description="a number, pairs [[time, velocity], …], or a sinusoidal oscillation [length/time]"
+    )
     y: Course | None = Field(None, description="like `x` [length/time]")
     z: Course | None = Field(None, description="like `x`; only in three dimensions [length/time]")
 
@@ -170,7 +172,7 @@ class Plate(ScenarioTable):
 
 
 class Stage(ScenarioTable):
-    """Part of the run, with the changes at its start; everything else remains as before."""
+    """Stage of the run, with the changes made at its start; everything else remains as before."""
 
     name: Name = Field(description="name in progress messages and files")
     duration: Positive = Field(description="duration, or maximum duration with `until` [time]")

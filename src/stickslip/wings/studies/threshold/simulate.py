@@ -292,7 +292,7 @@ def _by_kick(name: str, meaning: str, of) -> Quantity:
 
 
 MEASURES = Measures([
-    _by_kick("threshold", "load at which half of the runs slide, after kicks of a velocity", lambda f: f.threshold),
+    _by_kick("threshold", "load at which half of the runs slide after kicks of this velocity", lambda f: f.threshold),
     _by_kick("threshold_low", "lower end of the interval of that load", lambda f: f.interval[:, 0]),
     _by_kick("threshold_high", "upper end of the interval of that load", lambda f: f.interval[:, 1]),
     _by_kick("largest_share", "largest fraction of runs that slide", lambda f: f.probability.max(axis=0)),
@@ -301,9 +301,9 @@ MEASURES = Measures([
     _by_kick("lasting_threshold_high", "upper end of the interval of that load", lambda f: f.lasting_interval[:, 1]),
     _by_kick("largest_lasting_share", "largest fraction of runs that slide and continue",
              lambda f: f.lasting_probability.max(axis=0)),
-    Quantity("arrest_low", "1", "lower end of the loads at which sliding stops as the load decreases",
+    Quantity("arrest_low", "1", "lower end of the range of loads at which sliding stops as the load decreases",
              lambda r: r.found.arrest_range[0]),
-    Quantity("arrest_high", "1", "upper end of these loads", lambda r: r.found.arrest_range[1]),
+    Quantity("arrest_high", "1", "upper end of this range", lambda r: r.found.arrest_range[1]),
     Quantity("strength", "1", "load at which the sample slides without a kick"),
     Quantity("first_pair", "1", "smallest load with a complex pair", "found.first_pair"),
     Quantity("first_limit", "1", "smallest load with a contact at the Coulomb limit", "found.first_limit"),
