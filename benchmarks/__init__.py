@@ -74,6 +74,7 @@ BENCHMARKS = {
     "lammps_ranks": Benchmark("LAMMPS on several MPI ranks", 60, ("wings/lammps",)),
     "load_paths": Benchmark("ends of load paths, and slow dynamics", 3600, PATHS),
     "measured_forces": Benchmark("verdicts from measured forces", 60, (*STATICS, "data/exchange")),
+    "memory": Benchmark("memory of states and runs, up to a million grains", 900, LOOP),
     "packings": Benchmark("time to generate packings", 120, STATICS),
     "pairs_by_law": Benchmark("which laws lead to complex pairs: table of a sweep", 20, DISKS),
     "qdyn": Benchmark("earthquake cycles, compared with QDYN", 600, FRICTION, ratios=True),

@@ -119,7 +119,7 @@ def row(case: str, n: int, threads: int, ours: float, peer: float | None, name: 
 
 
 def sizes(counts) -> list[dict]:
-    """Grain-steps per second for increasing numbers of grains, relative to a thousand grains, and memory.
+    """Grain-steps per second for increasing numbers of grains, relative to a thousand grains.
 
     Each size takes the same steps from the same state, and the time of a run of one step is subtracted, so that neither
     cooling grains nor the start and end of a run affect the ratio. Runs with few grains are repeated until their time
@@ -129,15 +129,14 @@ def sizes(counts) -> list[dict]:
     """
     few, cores = counts[0], os.cpu_count() or 1
     sides = [(n, threads) for n in counts[1:] for threads in sorted({1, cores})]
-    rates, ratios, memory = {side: [] for side in [(few, 1), *sides]}, {side: [] for side in sides}, []
+    rates, ratios = {side: [] for side in [(few, 1), *sides]}, {side: [] for side in sides}
     for _ in range(SIZE_ROUNDS):
         for side in sides:
             found = {}
             for n, threads in ((few, 1), side, (few, 1)):
                 runs = max(1, GRAIN_STEPS // (n * SIZE_STEPS))
-                seconds, taken = measure("ours", scene(3, 0.66, n, 0.001), SIZE_STEPS, threads, runs)
+                (seconds,) = measure("ours", scene(3, 0.66, n, 0.001), SIZE_STEPS, threads, runs)
                 found.setdefault((n, threads), []).append(n / seconds)
-                memory += [taken] if (n, threads) == (counts[-1], 1) else []
             ratios[side].append(max(found[side]) / np.mean(found[few, 1]))
             for one, rate in found.items():
                 rates[one] += rate
@@ -146,7 +145,7 @@ def sizes(counts) -> list[dict]:
         mine, theirs = np.median(rates[side]), np.median(rates[few, 1])
         line = row("dense spheres", *side, float(mine), float(theirs), f"{few} grains")
         out.append(line | {"ratio": float(np.median(ratios[side]))})
-    return [*out, row("memory per grain", counts[-1], 1, max(memory) / counts[-1], 1500.0, "budget", "bytes")]
+    return out
 
 
 def rows(*, smallest: bool = False):

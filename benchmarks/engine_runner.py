@@ -1,10 +1,9 @@
 """Run one side of the engine benchmark in its own process: `engine_runner.py SIDE SCENE STEPS THREADS [RUNS]`.
 
-Prints seconds per step, and peak memory in excess of the libraries and our compiled code, in bytes. With RUNS, seconds
-per step are the mean of that many runs from one state, minus the time of a run of one step. The side `threads` prints
-seconds per step on one thread, on THREADS threads, and half the time of two simultaneous runs; with RUNS, these include
-the start and end of a run, see `alternate`. The side `widths` prints seconds per step and closed contact of several
-scenes.
+Prints seconds per step; with RUNS, they are the mean of that many runs from one state, minus the time of a run of one
+step. The side `threads` prints seconds per step on one thread, on THREADS threads, and half the time of two
+simultaneous runs; with RUNS, these include the start and end of a run, see `alternate`. The side `widths` prints
+seconds per step and closed contact of several scenes.
 
 All sides use the same grains, velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no
 dashpots), box and time step. Each code checks neighbours and rebuilds lists in its own way, with the skin at which it
@@ -13,7 +12,6 @@ was fastest.
 
 import multiprocessing
 import os
-import resource
 import sys
 import time
 
@@ -23,14 +21,13 @@ WARM, TURNS = 100, 40
 
 
 def load_scene(scene):
-    """State, law and time step; empties `scene` so that only the memory of the run is measured."""
+    """State, law and time step."""
     import stickslip as ss
 
     law, dt = ss.laws.hertz_mindlin_reff(2.0, 4 / 7, 0.5), float(scene["dt"])
     dim, size = int(scene["dim"]), scene["size"]
     make = ss.disks if dim == 2 else ss.spheres
-    parts = [scene.pop(name) for name in ("position", "radius", "mass", "velocity")]
-    grains = make(*parts[:2], mass=parts[2], velocity=parts[3])
+    grains = make(scene["position"], scene["radius"], mass=scene["mass"], velocity=scene["velocity"])
     box = ss.box([size, size, size if dim == 3 else 1.0], [True, True, dim == 3], dim)
     return ss.assembly(grains, cell=box, skin=0.2), law, dt
 
@@ -167,12 +164,7 @@ def main() -> None:
         print(*widths(path, steps))
         return
     scene = dict(np.load(path))
-    if side == "ours":
-        few = min(200, len(scene["radius"]))
-        ours({name: part[:few] if part.ndim else part for name, part in scene.items()}, 5 * WARM, threads)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    seconds = ours(scene, steps, threads, *runs) if side == "ours" else lammps(side, scene, steps, threads)
-    print(seconds, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
+    print(ours(scene, steps, threads, *runs) if side == "ours" else lammps(side, scene, steps, threads))
 
 
 if __name__ == "__main__":
