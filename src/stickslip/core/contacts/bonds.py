@@ -99,7 +99,7 @@ def bond_rows(bonds: Bonds, contacts: Contacts) -> np.ndarray:
 
 
 def is_beam(bonds: Bonds, dim: int) -> np.ndarray:
-    """Mask of intact bonds that resist all relative motions, so one of them alone holds a grain, (K,)."""
+    """Mask of intact bonds that resist all relative motions, so that one of them alone holds a grain, (K,)."""
     return bonds.intact & (bonds.stiffness[:, 1 : dim + 1] > 0).all(axis=1)
 
 

@@ -31,7 +31,7 @@ class _MomentLinearisation(NamedTuple):
     """Quantities of the linearisation of M, one row per contact."""
 
     before: np.ndarray  # (C, 3) ψ when the memory was committed
-    way: np.ndarray  # (C, 3) Δθ since then
+    way: np.ndarray  # (C, 3) Δθ since the commit
     secant: np.ndarray  # (C,) φ/|ψ|
     along: np.ndarray  # (C,) ∂φ/∂|ψ|
     by_overlap: np.ndarray  # (C,) ∂φ/∂δ at fixed ψ

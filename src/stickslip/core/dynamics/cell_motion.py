@@ -45,7 +45,7 @@ class Frame(NamedTuple):
 
     free: np.ndarray  # (3, 3) bool
     given: np.ndarray  # (3, 3) rates of components that are not free
-    follows: np.ndarray  # (3, 3) course, or the last column: constant
+    follows: np.ndarray  # (3, 3) column of the time profile; the last stands for a constant
     wanted: np.ndarray  # (3, 3) stress
     mass: float
     knots: np.ndarray  # (K,)

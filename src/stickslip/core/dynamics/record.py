@@ -49,7 +49,7 @@ class Record(NamedTuple):
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any [1]
     momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
     coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included [1]
-    held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `measure.coordination`
+    held_coordination: np.ndarray  # (T,) the same mean without rattlers and their contacts: see `measure.coordination`
     rattlers: np.ndarray  # (T,) number of rattlers
     cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]
     group_position: np.ndarray  # (T, G, 3) centre of mass of each rigid group [length]
@@ -78,7 +78,7 @@ class Record(NamedTuple):
         """Stress of the contacts between grains, (T, 3, 3), compression positive [force/length^(dim−1)].
 
         It is defined as in `measure.stress`: elastic forces, without dashpots and kinetic contributions.
-        ValueError if the cell is not periodic in all its dimensions.
+        Raises ValueError if the cell is not periodic in all its dimensions.
         """
         return self.virial / self.volume[:, None, None]
 
@@ -151,7 +151,7 @@ class RecordBuffers(NamedTuple):
     reference: np.ndarray  # (N, 3)
     mass: np.ndarray  # (N,)
     inertia: np.ndarray  # (N,)
-    unit: np.ndarray  # (B,) and the number of supports: see `measure.supports`
+    unit: np.ndarray  # (B,) first member of the body's rigid group: see `measure.supports`
     supports: np.ndarray  # (B,)
     probes: np.ndarray  # (P,)
     series: np.ndarray  # (T, columns of all observables)
@@ -174,7 +174,7 @@ def write_groups(row: np.ndarray, state: State, external, bodies, force, time: f
 
 
 def add_bonds(row: np.ndarray, state: State, law) -> None:
-    """Add the bonds of a state to one sample with the contributions of contacts; see `measure.touching`."""
+    """Add the bonds of a state to a sample that has the contributions of contacts; see `measure.touching`."""
     virial, nothing, least = np.zeros((3, 3)), np.zeros((state.n_bodies, 3)), least_supports(law, state.cell.dim)
     add_bond_loads(state.bonds, state.cell.dim, bodies_of(state), state.cell.vectors, nothing, nothing.copy(), virial)
     values = {

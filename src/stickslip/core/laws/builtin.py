@@ -1,7 +1,7 @@
 """Contact laws: an integer `kind`, an integer `coulomb`, and a table of parameters for each pair of materials.
 
-The kind of a built-in law is its place in the table `builtin_laws`, whose properties describe it. The compiled core
-evaluates it.
+The kind of a built-in law is its index in the table `builtin_laws`, which also contains its properties. The compiled
+core evaluates the law.
 """
 
 from collections.abc import Callable
@@ -167,7 +167,7 @@ def jkr(
 ) -> Law:  # fmt: skip
     """F_n = k_n a³/R_eff − √(6π w k_n a³), δ = a²/R_eff − √(8πwa/(3k_n)); F_t = −k_t a s, |F_t| ≤ μ |F_n + 3πwR_eff|.
 
-    Adhesive elastic spheres. Contacts form at touch, attract by at most 1.5 π w R_eff, and pull off at a gap of
+    Adhesive elastic spheres. Contacts form at zero gap, attract by at most 1.5 π w R_eff, and pull off at a gap of
     (27 c²/256)^{1/3}/R_eff, c = 8πwR_eff²/(3k_n). Without adhesion this is `hertz_mindlin_reff`.
 
     Parameters
@@ -195,8 +195,8 @@ def dmt(
 ) -> Law:  # fmt: skip
     """F_n = k_n √R_eff δ^{3/2} − 2πwR_eff; F_t = −k_t √(δ R_eff) s, |F_t| ≤ μ |F_n + 4πwR_eff|.
 
-    Small, stiff adhesive spheres: the attraction appears and vanishes at touch, so that energy is conserved
-    only as far as the time step resolves the jump.
+    Small, stiff adhesive spheres: the attraction appears and vanishes at zero overlap, so that energy is
+    conserved only as far as the time step resolves the jump.
 
     Parameters
     ----------
@@ -248,8 +248,8 @@ def liquid_bridge(
 ) -> Law:  # fmt: skip
     """F_n = k_n √R_eff δ^{3/2} − 4πγR_eff [h(g) − h(V^{1/3})], h(g) = 1 − g/√(g² + V/(πR_eff)), g = max(−δ, 0).
 
-    Wet spheres with a contact angle of zero. Bridges form at touch and break at a gap of V^{1/3}; the attraction there
-    is subtracted. F_t = −k_t √(δ R_eff) s, at most μ k_n √R_eff δ^{3/2}.
+    Wet spheres with a contact angle of zero. Bridges form at zero gap and break at a gap of V^{1/3}; the attraction at
+    this gap is subtracted. F_t = −k_t √(δ R_eff) s, at most μ k_n √R_eff δ^{3/2}.
 
     Parameters
     ----------

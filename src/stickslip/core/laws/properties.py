@@ -1,7 +1,7 @@
 """Properties that any contact law can have: lever arms, memory of forces, rolling, twisting, restitution.
 
 Where the parameter of dashpots is a coefficient of restitution, a contact with F_n = k δ^p and
-c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator of δ^{(p+1)/2}. The restitution of a head-on collision then
+c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator in δ^{(p+1)/2}. The restitution of a head-on collision then
 depends neither on size nor on speed, only on D = α/√(2(p + 1)).
 """
 
@@ -122,7 +122,7 @@ def with_rolling(
     model : "constant", "viscous" or "spring"
     k_roll : k [force/length]
     mu_roll : μ_r [1]
-    gamma_roll : γ [force time/length], of a viscous moment [time/length]
+    gamma_roll : γ [force time/length], or [time/length] for a viscous moment
 
     Source
     ------
@@ -162,8 +162,8 @@ def with_twisting(
         marshall  M = −½ k_t a² τ − ½ c_t a² ω_n, |½ k_t a² τ| and |M| ≤ ⅔ a μ P
 
     These are LAMMPS `twisting sds` and `twisting marshall`. With `marshall`, k_t is the parameter `kt`, as in LAMMPS;
-    Marshall multiplies that of Hertzian contacts by a. Its coefficients ½ k_t, ⅔ μ and ½ become parameters of the law
-    for each pair of materials. Two dimensions have no twisting.
+    Marshall multiplies the k_t of Hertzian contacts by a. The coefficients ½ k_t, ⅔ μ and ½ become parameters of the
+    law for each pair of materials. In two dimensions, there is no twisting.
 
     Parameters
     ----------
