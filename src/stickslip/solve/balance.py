@@ -16,10 +16,10 @@ from ..core.measure import Committed, contact_velocity, overlaps, touching, volu
 from ..core.state import SLIDE, STICK, State
 from .freedom import Freedom, freedom, mass_weighted, stiffness_of, unsupported_grains
 
-# Share of the mean contact force, from `python -m benchmarks equilibrium`. Up to 1e-3, moving grains at random changes
-# the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings had a wrong verdict without its slips; the
-# first wrong ones appear beyond that. Text with eight digits leaves 2e-4 in packings of 60 grains and about 1e-3 in
-# larger ones.
+# Residual over the mean contact force, from `python -m benchmarks equilibrium`. Up to 1e-3, random displacements of
+# grains change the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings whose slips were deleted had a
+# wrong verdict; the first wrong ones appear beyond that. Positions stored as text with eight digits have residuals of
+# 2e-4 in packings of 60 grains and about 1e-3 in larger ones.
 BALANCED_BELOW = 2e-3
 DIGITS = 13  # significant digits of positions that were not truncated by text or single precision
 
@@ -165,7 +165,7 @@ def _local_force_scales(here: LinearisedState) -> np.ndarray:
 def motion_imbalance(here: LinearisedState) -> float:
     """Force change caused by the motion, v √(m k) for a spring k that stops a mass m, over the mean contact force.
 
-    The largest value over all grains that are not rattlers.
+    The result is the largest value over all grains that are not rattlers.
     """
     push = _speeds(here) * np.sqrt(here.state.grains.mass * here.mean_stiffness)
     return _ratio(float(push.max(initial=0.0)), here.mean_force)
@@ -343,7 +343,7 @@ def with_modes_under(state: State, law: Law) -> State:
 
 
 def modes_under(state: State, law: Law, line: Linearisation) -> State:
-    """State with modes from its linearisation; see `with_modes_under`."""
+    """State with modes from a linearisation; see `with_modes_under`."""
     contacts, count, radius = state.contacts, len(line.limit), body_radii(state)
     reach = radius[contacts.i[:count]] + radius[contacts.j[:count]]
     pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]

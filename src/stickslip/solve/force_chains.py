@@ -33,7 +33,7 @@ class ForceNetwork(NamedTuple):
     pair_i: np.ndarray  # (C,) grains
     pair_j: np.ndarray  # (C,) grains, or walls from N on
     branch: np.ndarray  # (C, 3) from j, or the surface of a wall, to i [length]
-    normal: np.ndarray  # (C, 3) unit vectors of these
+    normal: np.ndarray  # (C, 3) unit vectors along `branch`
     force: np.ndarray  # (C, 3) on i [force]
     force_n: np.ndarray  # (C,) normal part, positive if it presses [force]
 
@@ -62,8 +62,8 @@ class ForceNetwork(NamedTuple):
 class ForceChains(NamedTuple):
     """Chains of grains that carry more than the mean, and their lengths."""
 
-    chains: list[np.ndarray]  # grains of each in their order, longest first
-    lengths: np.ndarray  # (K,) number of grains of each
+    chains: list[np.ndarray]  # grains of each chain in order, longest chain first
+    lengths: np.ndarray  # (K,) number of grains in each chain
     loaded: np.ndarray  # (N,) bool, grains whose largest principal stress is above the mean
     stress: np.ndarray  # (N,) largest principal value of Σ f ⊗ r, compression (or `tension`) positive [force length]
 
@@ -88,7 +88,7 @@ class Anisotropy(NamedTuple):
     tangential: float  # a_t
     contact_axis: np.ndarray  # (3,) direction in which most contacts point
     normal_axis: np.ndarray  # (3,) direction of the largest normal forces
-    deviator: float  # deviator of their stress, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p in three dimensions
+    deviator: float  # deviator of the stress of these contacts, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p otherwise
     dim: int
 
     @property
@@ -105,7 +105,7 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
 
     Parameters
     ----------
-    source : accepted state, or `io.read_forces`
+    source : accepted state, or the result of `io.read_forces`
     law : Law of a state; None for measured forces
 
     Examples
@@ -142,7 +142,7 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
 @checked
 @knows_bonds
 def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE, tension: bool = False) -> ForceChains:
-    """Force chains: rows of three or more grains, each of which carries more than the mean and passes it on.
+    """Force chains: rows of three or more grains, each of which carries more than the mean and passes the force on.
 
     A grain is loaded if the largest principal value σ₁ of its Σ f ⊗ r is above the mean over grains with contacts, in
     which negative values count as zero. On each side of it, the next grain is the loaded one that pushes it in the
@@ -272,7 +272,7 @@ def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
 
     Parameters
     ----------
-    source, law : as in `force_network`; raise ValueError unless the normal forces add up to a compression
+    source, law : as in `force_network`; the normal forces must add up to a compression
 
     Source
     ------

@@ -44,7 +44,7 @@ CONFIDENCE = 0.95  # normal quantile of the interval of a probability
 
 @readable
 class Gradient(NamedTuple):
-    """Derivatives of an eigenvalue, of a modulus, or of the norm of unbalanced forces (positions and slips given)."""
+    """Derivatives of an eigenvalue, of a modulus, or of the norm of unbalanced forces at given positions and slips."""
 
     value: complex  # λ [1/time²]; s [1/time] with dashpots; or the modulus, which is real [force/length^(dim−1)]
     condition: float  # ‖u‖‖v‖/|uᴴv| of λ or s, NaN for others; diverges, as the derivatives do, where a pair is born
@@ -71,7 +71,7 @@ class Gradient(NamedTuple):
 
 
 class _Mode(NamedTuple):
-    """λ or s and its modes at each contact: dλ = left · dB right, ds = left · (dB + s dB') right, summed over them."""
+    """λ or s and its modes at the contacts: dλ = Σ left · dB right, ds = Σ left · (dB + s dB') right over contacts."""
 
     value: complex
     condition: float
@@ -462,8 +462,8 @@ class VerdictProbability(NamedTuple):
     high: float
     eigenvalue: complex  # decisive λ of the given packing [1/time²]
     deviation: float  # standard deviation of Re λ, or of Im λ of a pair, to first order [1/time²]
-    contact: tuple[int, int]  # bodies of the contact that contributes most to it
-    share: float  # its share of the variance
+    contact: tuple[int, int]  # bodies of the contact that contributes most to the variance
+    share: float  # share of this contact in the variance
 
     @property
     def probability(self) -> float:

@@ -36,7 +36,7 @@ EXCITED = 1.15  # largest excess of a peak, as an exponent of amplitude, that st
 SHORTEST, LONGER = 256, 16
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
 GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # exponent by which a pair grows while filters run once, and how often they run
-STALLED = 1.2  # after PASSES filters run on only while Im λ over its residual grows by this factor
+STALLED = 1.2  # after PASSES, filters run on only while Im λ over its residual grows by this factor
 CLEAR = 10.0  # Im λ over the residual that is accepted after the last pass
 FAR = 150.0  # logarithm of the amplitude at which probes stop, since double precision ends at 700
 STAGE = "random probes in a leapfrog"  # name in progress reports
@@ -102,7 +102,7 @@ class ProbeRun:
         return (time.perf_counter() - begin) / 2 * steps
 
     def tune(self, value: complex | None) -> None:
-        """Choose weights that make dashpots exact for modes at the frequency of a peak, or else those of the lag.
+        """Choose weights that make dashpots exact for modes at the frequency of a peak, or else those of lagged forces.
 
         The weights w of the present and the previous velocity solve w₀ exp(−iθ/2) + w₁ exp(−3iθ/2) = 1.
         """
@@ -165,7 +165,7 @@ class ProbeRun:
         return now - first, np.maximum(2 * unit, 5 * noise * first), unit
 
     def _note_what_is_seen(self) -> None:
-        """Store the growth rate at which a mode excited with 1/FAINT of the mean power has stood out [1/time].
+        """Store the growth rate at which a mode excited with 1/FAINT of the mean power would stand out [1/time].
 
         It is the smallest rate so far, because modes that have grown may drown the spectrum later.
         """
@@ -371,7 +371,7 @@ def search_by_probes(
 
     Parameters
     ----------
-    disc, growth, clear : of `GrowingModes`
+    disc, growth, clear : as in `GrowingModes`
     path : file in which the search is saved, and from which it continues
 
     Returns

@@ -19,10 +19,10 @@ from .linear import factorised, suitable_threads
 
 ALL_UP_TO = 120  # number of coordinates up to which all eigenvalues are computed even if a few suffice
 SOFTEST = 40  # number of eigenvalues nearest to zero that are otherwise computed
-NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus this is not negative
+NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus this does not count as negative
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 DENSE_UP_TO = 2_500  # number of coordinates whose density of states takes half a minute
-PROBES = 16  # random vectors for its trace
+PROBES = 16  # random vectors for the trace in the density of states
 MARGIN = 0.01  # margin of the bounds over the width of the spectrum; bounds are computed to a tenth of it
 SHARP = 4.0  # ratio of the bin width to the resolution of the polynomials
 

@@ -392,15 +392,15 @@ def stationary_fluctuations(
     """Stationary covariance L Σ + Σ Lᵀ + Q = 0 of M q̈ = J q + C q̇ − M ν q̇ + ξ, and its distance from instability.
 
     Thermal noise has ⟨ξ ξᵀ⟩ = 2T (M ν − C) δ(t − t′), so every mode would have a kinetic and an elastic energy of
-    T/2 each if forces had a potential. Friction has none, and heats or cools modes. Distance and condition number are
-    those in the norm of the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
+    T/2 each if forces had a potential. Frictional forces have none, and heat or cool modes. Distance and condition
+    number are defined in the norm of the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
 
     Unresisted common translations (the centre of mass in a periodic cell) and unresisted coordinates are removed from
     motion and noise; each translation adds T/(Σm) to the velocities of a run. The number of modes is that of the
     remaining coordinates.
 
-    In runs of 2000 decay times under noise on one grain, the variance of its displacement was 2 to 5 % smaller, with a
-    statistical error of 3 % (`tests/modes/test_response.py`).
+    In runs of 2000 decay times under noise on one grain, the variance of its displacement was 2 to 5 % below the value
+    computed here, with a statistical error of 3 % (`tests/modes/test_response.py`).
 
     Parameters
     ----------

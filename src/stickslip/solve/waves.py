@@ -1,7 +1,7 @@
 """Waves of a packing in a periodic cell: dispersion, damping and structure factor of P, S and rotational waves.
 
-Plane waves are unit vectors of the mass-weighted coordinates: displacements along k (P) and across (S), and angles (R;
-in three dimensions first about k, then about the axes across).
+Plane waves are unit vectors of the mass-weighted coordinates: displacements along k (P) and across k (S), and angles
+(R; in three dimensions first about k, then about the axes across k).
 """
 
 from typing import Annotated, NamedTuple
@@ -123,8 +123,8 @@ def dispersion(
     largest shares in P and S, with the second those with the largest shares in R.
 
     A = −M^(−1/2) J M^(−1/2) and D = ν − M^(−1/2) C M^(−1/2), in the coordinates of `backbone`. The column of P in W is
-    √m k̂ exp(ik·r) over its norm, that of S the same across, and that of R √I e exp(ik·r), with the moment of inertia
-    I. Common translations are not removed from W or A.
+    √m k̂ exp(ik·r) over its norm, that of S has a unit vector across k in place of k̂, and that of R is √I e exp(ik·r),
+    with the moment of inertia I. Common translations are not removed from W or A.
 
     In a lattice with one grain per cell, the plane waves are invariant under A and D, and the poles are exact. In a
     disordered packing, a wave is a group of modes, and the poles are frequency and decay of the group: s₀ is so far
@@ -188,8 +188,8 @@ def wave_spectrum(
     orthogonal to √m in each direction. weight_j = w†r_j l_j†w, with the velocity part r_j of mode j and its dual l_j.
 
     The dense solution takes at most 2000 coordinates. For larger packings `dispersion` needs no modes, and
-    `frequency_response` with `plane_wave` as drive and observable has χ(iω); S = −(ω/π) Im χ, if the common translation
-    is first removed from the waves: drive − m Σ drive/Σ m over the grains without rattlers.
+    `frequency_response` with `plane_wave` as drive and observable gives χ(iω); S = −(ω/π) Im χ, if the common
+    translation is first removed from the waves: drive − m Σ drive/Σ m over the grains without rattlers.
 
     Parameters
     ----------
@@ -221,10 +221,10 @@ def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
     """(K, dim) speeds of long waves from the moduli, fastest first: ρc² u_a = C_abcd n_b n_d u_c (Christoffel).
 
     ρ is the mass of the grains without rattlers over the volume. A uniform stress drops out of the equation if C is the
-    response of the Cauchy stress, as here. NaN where a wave is unstable.
+    response of the Cauchy stress, as here. Speeds are NaN where a wave is unstable.
 
-    In 300 disks, waves of `dispersion` were 2 % slower at a wavelength of 18 diameters, and 6 to 9 % at 6 diameters
-    (`tests/modes/test_waves.py`).
+    In 300 disks, waves of `dispersion` were 2 % slower at a wavelength of 18 diameters, and 6 to 9 % slower at 6
+    diameters (`tests/modes/test_waves.py`).
 
     Parameters
     ----------
