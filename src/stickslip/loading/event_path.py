@@ -30,7 +30,7 @@ from ..solve.newton import Factorisation, newton
 from ..solve.shear_response import PRUNE, Response, damped_exponents, root_mean_square, support
 from .settling import SIMPLE, Deformation
 
-BEND = 0.05  # distance of a step from the motions predicted at its ends, over the larger of them, in a continuous path
+BEND = 0.05  # largest distance of a motion from those predicted at its ends, over the larger, on a continuous path
 JUMP = 10.0  # motion over its prediction in a bracket, above which it is a jump
 TINY = 1e-4  # overlap that replaces the mean in a cemented packing without overlaps, over the mean diameter
 UNLOADED = 1e-3  # force that replaces the mean in a cemented packing at rest, over the natural one
@@ -45,7 +45,7 @@ MOST_STEPS = 500_000  # largest number of steps of dynamics
 # dynamics from an unstable equilibrium: times of growth, then of decay, and steps at most
 E_FOLDS, DECAYS, MOST_KICKED = 40.0, 1000.0, 200_000
 AROUND = 0.3  # distance from an equilibrium about which a packing oscillates endlessly, in mean overlaps
-MOST_DEPARTURES = 5  # from one unstable equilibrium to another
+MOST_DEPARTURES = 5  # largest number of departures from one unstable equilibrium to another
 GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest frequency
 
 
@@ -204,7 +204,7 @@ def commit(state: State, law: Law) -> State:
 def mean_overlap(state: State) -> float:
     """Mean overlap of touching contacts [length]; zero without contacts.
 
-    Without overlaps in a cemented packing, 1e-4 mean diameters.
+    For a cemented packing without overlaps, the result is 1e-4 mean diameters.
     """
     rows, contacts = touching(state), state.contacts
     if not len(rows):
@@ -317,9 +317,9 @@ WINDOWS = (3, 4, 5, 6)  # number of steps from which the strain of an event is e
 FAR = 6.0  # number of strain steps beyond which no forecast is made
 LEVEL = 0.8  # level of the intervals
 SADDLE, PAIR, CONTACT = "softest eigenvalue", "gap of two real eigenvalues", "motion of contacts ahead"
-# Quantiles of ln(strain left / extrapolated strain left) where the event occurred; together with the scatter of the
-# windows they contain LEVEL of the events: of packings that `python -m benchmarks forecast` does not use, and of the
-# saddle nodes of packings with even numbers in the reference catalogue
+# Quantiles of ln(strain left / extrapolated strain left) where the event occurred. Widened by the scatter of the
+# windows, the intervals contain LEVEL of the events in packings that `python -m benchmarks forecast` does not use; for
+# saddle nodes, these are the packings with even numbers in the reference catalogue
 CALIBRATED = {SADDLE: (-1.0, 0.1, 1.4), PAIR: (-0.7, 0.4, 1.7), CONTACT: (-0.45, -0.03, 0.9)}
 
 
@@ -365,7 +365,7 @@ class Forecast(NamedTuple):
 def forecast(signs: Signs) -> list[Forecast]:
     """Forecasts of the next event and the next pair from the last steps of a path, where signs of them exist.
 
-    For events, it is the earlier of a saddle node and the loss of a contact.
+    An event is forecast as a saddle node or as the loss of a contact, whichever is earlier.
     """
     if not len(signs.strain):
         return []
