@@ -46,7 +46,7 @@ _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Bonds, Law)
 _LENGTH = struct.Struct("<Q")  # length of the outline of a tree [bytes]
 
 
-# exceptions raised by HDF5, JSON and NumPy, and when objects are rebuilt, for damaged files
+# exceptions that damaged files cause in HDF5, JSON and NumPy, and when objects are rebuilt
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
 

@@ -26,7 +26,7 @@ MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they m
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
 COMMENT = re.compile(r"\s*(#|%(?!\s*[;,\t]))")  # "%;kPa" is a row of units
-LEAST = 3  # rows that a first column must number consecutively to count as row numbers
+LEAST = 3  # consecutive numbers with which a first column counts as row numbers
 
 
 class Sheet(NamedTuple):
@@ -34,8 +34,8 @@ class Sheet(NamedTuple):
 
     headings: list[str]  # (K,), empty where a column has none
     units: list[str | None]  # (K,) from a row of units or an attribute
-    rows: list[tuple[int, list[str]]] | None = None  # number of each line and its K fields
-    values: list[np.ndarray] | None = None  # (K,) or, in files of arrays, their values
+    rows: list[tuple[int, list[str]]] | None = None  # for text: number of each line and its K fields
+    values: list[np.ndarray] | None = None  # (K,) for files of arrays: values of the columns
 
 
 def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example: str, remedy: str = "") -> Sheet:
@@ -83,7 +83,7 @@ def _text_sheet(
     rows = split_rows(path, body[first:], mark)
     width = len(rows[0][1])
     above = [line for _, line in body[:first]]
-    above = above or [line.lstrip(COMMENTS + " ") for k, line in lines if k < body[0][0]]  # as of numpy.savetxt
+    above = above or [line.lstrip(COMMENTS + " ") for k, line in lines if k < body[0][0]]  # as numpy.savetxt does
     titles = [_fit_width(_split_titles(line, mark, width), rows) for line in above]
     index = max(range(len(titles)), key=lambda k: (sum(map(known, titles[k])), k), default=None)
     if index is None or not any(map(known, titles[index])):
@@ -179,7 +179,7 @@ def _hdf5_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str 
 
 
 def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str | None]]:
-    """Arrays of a MATLAB file up to version 7, also those in a structure."""
+    """Arrays of a MATLAB file up to version 7, including those in a structure."""
     from scipy.io import loadmat
 
     try:
@@ -238,7 +238,7 @@ def _look_sheet(path: Path, content: bytes) -> Sheet | None:
         size = np.abs(values)
         return float(((size == 0) | (size > USUAL[0]) & (size < USUAL[1])).mean())
 
-    with np.errstate(invalid="ignore", over="ignore"):  # of NaN in the other byte order
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN in the other byte order
         values = max((np.frombuffer(content, order + kind, total, start) for order in "<>"), key=usual).astype(float)
     names, units, _ = zip(*used, strict=True)
     return Sheet(list(names), [unit.strip("[]() ") or None for unit in units], values=np.split(values, count))

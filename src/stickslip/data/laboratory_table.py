@@ -153,7 +153,7 @@ class LaboratoryTable(NamedTuple):
     places: dict[str, tuple[int, float]]  # of wanted columns, and factors that convert them to SI units
 
     def numbers(self) -> dict[str, np.ndarray]:
-        """Numbers in the wanted columns in SI units, without incomplete rows, which a warning counts."""
+        """Numbers in the wanted columns in SI units, without incomplete rows, whose number a warning states."""
         path, rows = self.path, self.sheet.rows or []
         values = {
             name: self.sheet.values[k] if self.sheet.values is not None
@@ -331,11 +331,11 @@ NAMES = {same_word(alias) for _, aliases in COLUMNS.values() for alias in aliase
 
 
 def unit_of_time(ratio: float, stated: float = 1.0) -> str:
-    """Likely unit of times that are too short by a ratio; empty if the ratio is not that of two units.
+    """Likely unit of times that are too short by a factor; empty if this is not the ratio of two units.
 
     Parameters
     ----------
-    stated : length of their stated unit [s]
+    stated : stated unit of the times [s]
     """
     near = [unit for unit in ("s", "min", "h", "d", "ms") if abs(TIME[unit] / stated / ratio - 1) < SIMILAR]
     return near[0] if ratio > 0 and near and TIME[near[0]] != stated else ""
@@ -394,7 +394,7 @@ def _describe_column(name: str, wanted: Wanted) -> tuple[tuple[str, ...], dict[s
 
 
 def _is_missing(column: np.ndarray) -> np.ndarray:
-    """Samples without a number, or with one of `ABSENT` farther from all others than any two neighbours."""
+    """Samples without a number, or with one of `ABSENT` if its distance from all others exceeds that of neighbours."""
     missing = ~np.isfinite(column)
     for mark in ABSENT:
         others = np.unique(column[~missing & (column != mark)])

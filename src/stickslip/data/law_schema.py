@@ -128,7 +128,7 @@ def check_law_files(tables: dict) -> None:
     Raises
     ------
     ScenarioError
-        As `load_law`; ValueError as `laws.from_file`.
+        As in `load_law`; ValueError as in `laws.from_file`.
     """
 
     def check(law: dict) -> dict:
@@ -184,7 +184,7 @@ class Key(NamedTuple):
 
     kind: Any  # annotation of its values; None is also allowed where it is the default
     words: str | None  # with its unit in brackets at the end
-    default: Any = None  # of tables without this key
+    default: Any = None  # value in tables without this key
 
 
 def _own_key(name: str) -> Key:

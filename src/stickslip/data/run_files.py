@@ -1,10 +1,10 @@
 """Run folders: names of files and their atomic replacement, the manifest with their digests, and the lock.
 
 Experiments list further files in `writes`. A file is written under a temporary name in the same folder, flushed to
-disk, and renamed. A file that does not match the manifest was written by something else: runs replace or remove it only
-with --overwrite. While a file is being replaced, the manifest lists both digests, so that a run that is killed at that
-moment leaves no unknown file. Only one process at a time works in a folder; the operating system releases the lock when
-it ends.
+disk, and renamed. A file that does not match the manifest was written by another program: runs replace or remove it
+only with --overwrite. While a file is being replaced, the manifest lists both digests, so that a run that is killed at
+that moment leaves no unknown file. Only one process at a time works in a folder; the operating system releases the lock
+when the process ends.
 """
 
 import errno
@@ -24,7 +24,7 @@ from pathlib import Path
 SCENARIO, NUMBERS = "scenario.json", "results.h5"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of the call, for `stickslip resume`
-LOOK = "look.json"  # how its figures are written
+LOOK = "look.json"  # style and formats of its figures
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 NAMES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, PAGE, FILM)
 FIGURES = r"(fig\d_\w+|claims)\.(png|pdf|svg)"

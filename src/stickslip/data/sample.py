@@ -25,7 +25,7 @@ from ..known import HARMLESS, UNKNOWN, USED, find_row
 HUGE = 1e30  # larger numbers make products overflow
 NO_LAW = "the contact law is missing"
 FORMER_NO_LAW = "no contact law was given"  # in files of version 0.3
-UNDECIDED = "undecided: "  # beginning of notes on actions on the grains that were not adopted
+UNDECIDED = "undecided: "  # beginning of notes on actions on the grains that were not imported
 LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # of notes
 BONDS = "bonds"
 

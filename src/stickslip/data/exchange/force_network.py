@@ -175,7 +175,7 @@ def _check_pairs(m: MeasuredForces) -> None:
 def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: str | None = None) -> MeasuredForces:
     """Read measured positions and contact forces from two tables or a PeGS file.
 
-    Tables are text. Grains: x, y, radius, between spheres also z; optional id, fixed (1: held, 0: free), edge (held if
+    Tables are text. Grains: x, y, radius, for spheres also z; optional id, fixed (1: held, 0: free), edge (held if
     not 0), load_x, load_y, load_z, position_error. Contacts: i and j (ids, or rows from 0), fn, ft (positive if it
     turns both grains from x to y); optional fn_error, ft_error. The force on grain i, fx, fy, fz, may replace fn and
     ft, and its tangential part, tx, ty, tz, may replace ft; spheres need one of these. Units in brackets, as in "fn

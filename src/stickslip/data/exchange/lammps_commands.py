@@ -171,7 +171,7 @@ INSERTING = (
     "append/atoms",
     "bond/react",
 )  # fixes that change the number of grains
-RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that do
+RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that change the number of grains
 COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
 COMBINED = ("union", "subtract", "intersect")  # groups composed of others
@@ -196,7 +196,7 @@ class Region(NamedTuple):
 class Dump(NamedTuple):
     """A dump of grains, with the changes made by `dump_modify`."""
 
-    command: str  # without its file
+    command: str  # command without the name of the file
     file: str
     columns: list[str]
     selection: str  # the command that leaves grains out; empty if there is none
@@ -250,7 +250,7 @@ class Run(NamedTuple):
     sources: tuple[str, ...] = ()  # names of the files, in their order
     blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not state their steps
     atoms: int | None = None  # number of grains when they were written; None if unknown
-    place: int = 0  # in the log or script, at which they were written
+    place: int = 0  # position in the log or script at which the grains were written
 
     def numbers(self, words: Sequence[str]) -> list[str]:
         """Words with labels of types replaced by their numbers."""
@@ -307,7 +307,7 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
         if isinstance(event, Block) and event.start is not None and event.start <= step <= event.end
     }  # fmt: skip
     since = takewhile(lambda event: isinstance(event, Command), reversed(events[:end]))
-    after = end == len(events) or isinstance(events[end], Command)  # of the last run, not within one
+    after = end == len(events) or isinstance(events[end], Command)  # after the last run, not within one
     changing = any(style in INSERTING for _, style, *_ in run.fixes.values())
     changing = changing or (after and any(command.words[0] in COUNTING for command in since))
     atoms = counts.pop() if len(counts) == 1 and not changing else None
@@ -392,7 +392,7 @@ def read_lines_of(path: Path) -> str:
 
 
 def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) -> Run:
-    """Run with the settings after one more command; `values` are those of variables, which a log has replaced."""
+    """Run with the settings after one more command; `values` are those of variables, already replaced in a log."""
     words = command.words
     if words[0] == "variable" and len(words) > 3:
         values |= _value(words, values)
@@ -444,7 +444,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     key, rest = tokens[0], tokens[1:]
     if key == VERSION:  # another run, appended to the log
         return _empty(run.source, int(rest[-1]))
-    if key == LATTICE:  # with eight digits
+    if key == LATTICE:  # the spacing with eight digits
         run.settings[LATTICE] = run.settings.get(LATTICE) or rest
         return run
     if key == BONDS:
@@ -505,7 +505,7 @@ def _set(run: Run, key: str, rest: list[str]) -> None:
         run.labels.clear()
     elif key == "lattice":
         style, scale, settings = rest[0] if rest else "", (*numbers_in(rest[1:]), 0.0)[0], run.settings
-        settings[LATTICE] = rest[1:2] * 3 if style == "none" else []  # of others, perhaps in the next line of a log
+        settings[LATTICE] = rest[1:2] * 3 if style == "none" else []  # other spacings may be in the next line of a log
         if style in NODES and len(rest) == 2 and scale > 0:
             if settings.get("units", ["lj"]) == ["lj"]:  # a density
                 scale = (NODES[style] / scale) ** (1 / (2 if settings.get("dimension") == ["2"] else 3))

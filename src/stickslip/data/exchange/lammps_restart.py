@@ -93,7 +93,7 @@ class Restart(NamedTuple):
     wall: np.ndarray  # (K,) index of the fix of the wall that a grain touches
     grain: np.ndarray  # (K,)
     wall_slip: np.ndarray  # (K, 3) [length]
-    more: np.ndarray  # (C, 7) values after the slip, or its `rotations`, (C, 4)
+    more: np.ndarray  # (C, 7) values after the slip, or their `rotations`, (C, 4)
     wall_more: np.ndarray  # (K, 7), or (K, 4)
     ids: np.ndarray  # (N,) ids of the grains in LAMMPS, increasing
     face: np.ndarray  # (K,) face of the region, from 0; −1 for walls that are not regions
@@ -235,7 +235,7 @@ def own_columns(style: str) -> list[str]:
 def _list_bonds(
     source: str, ids: np.ndarray, ends: np.ndarray, kind: np.ndarray, memory: np.ndarray, turned: np.ndarray
 ) -> ListedBonds:
-    """Bonds with their reference; both grains may have a copy of a bond.
+    """Bonds with their rest configurations; both grains may have a copy of a bond.
 
     LAMMPS stores the rest direction from the grain with the larger id, in the unrotated frame of that grain.
     """
@@ -497,7 +497,7 @@ def _read_own(block: np.ndarray, start: np.ndarray, columns: Sequence[str]):
 
 
 def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np.ndarray, memories: dict):
-    """Ids of the ends of the bonds in a block, their types, and the reference of each, (K, 4), zero if there is none.
+    """Ids of the ends of the bonds in a block, their types, and rest configurations, (K, 4), zero if there are none.
 
     Parameters
     ----------
@@ -570,7 +570,7 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
     )  # index of a contact among those of its grain
     first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
-    plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022 stored as a plain number
+    plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022, ids were stored as plain numbers
     other = np.where(plain, np.where(plain, block[first], 0.0).astype(np.int64), whole[first])
     return np.repeat(tag, count), other, block[first[:, None] + 1 + np.arange(3)], more
 
@@ -682,7 +682,7 @@ class Places(NamedTuple):
     """Layout of contact memory in LAMMPS: the slip or force comes first."""
 
     size: int  # number of doubles
-    rolls: int = -1  # position of the rolling displacement after the slip; -1 without
+    rolls: int = -1  # position of the rolling displacement after the slip; -1 if there is none
     twists: int = -1  # position of the twist
 
     @classmethod

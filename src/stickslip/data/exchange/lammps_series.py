@@ -69,7 +69,7 @@ def find_dumps(folder: Path, known: dict[Path, Dump], pattern: str = "*") -> dic
             dumps[path] = before
         elif before and stat.st_size >= before.size:
             dumps[path] = _read_new_frames(path, before, stat.st_mtime_ns)
-        elif ITEM.startswith(head := _head(path)) or head.startswith(ITEM):  # an empty file may become one
+        elif ITEM.startswith(head := _head(path)) or head.startswith(ITEM):  # an empty file may become a dump
             dumps[path] = _read_new_frames(path, Dump((), 0, 0, 0), stat.st_mtime_ns)
     return dumps
 
@@ -126,7 +126,7 @@ def _find_time_step(file: BinaryIO) -> int | None:
 def _next_frame(file: BinaryIO, path: Path) -> DumpFrame | None:
     """Frame that begins at the position of the file; None if it is still being written.
 
-    A frame that was cut off is damaged once another one follows it.
+    A frame that was cut off counts as damaged once another frame follows it.
     """
     start, digest = file.tell(), hashlib.blake2b(digest_size=8)
     try:
@@ -244,8 +244,8 @@ class Pair(NamedTuple):
 class Look(NamedTuple):
     """Contents of the folder at one time."""
 
-    dumps: dict[Path, Dump]  # of grains
-    local: dict[Path, Dump]  # of contacts
+    dumps: dict[Path, Dump]  # dumps of grains
+    local: dict[Path, Dump]  # dumps of contacts
     ready: list[Pair]  # complete frames, by step
     waiting: tuple[int, ...]  # steps whose contacts may still be written
     lost: tuple[int, ...]  # steps without contacts, although later steps have them

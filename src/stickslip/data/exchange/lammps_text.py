@@ -59,7 +59,7 @@ class Table(NamedTuple):
 
     step: int
     vectors: np.ndarray  # (3, 3) box vectors as rows [length]
-    corner: np.ndarray  # (3,) of the box [length]
+    corner: np.ndarray  # (3,) corner of the box [length]
     periodic: np.ndarray | None  # (3,) bool; None if not in the file
     columns: dict[str, list[str]]  # words, one list per column
     grains: bool = True  # False for a dump of contacts
@@ -242,7 +242,7 @@ def _position(table: Table, path: Path) -> np.ndarray:
 def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, Table, list[str]]:
     """Read ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and notes from a data file.
 
-    Its atom style is the one named in its section Atoms, the one `asked` for, or the only one that fits.
+    The atom style is the one named in the section Atoms, the one `asked` for, or the only one that fits.
     """
     text = read_lines(path)
     first = text.partition("\n")[0]

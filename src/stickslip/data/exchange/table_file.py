@@ -242,7 +242,7 @@ def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def refuse(path: Path) -> PackingError:
-    """Sentence on a file in an unknown format: its beginning, and a remedy."""
+    """Error for a file in an unknown format, with its beginning and a remedy."""
     text = first_lines(path)
     lines = _content_lines(head_text(read_content(path, HEAD))[:4000])
     known = identify_columns(dict.fromkeys(names_of(lines[0]) or [] if lines else [], np.zeros(0)))[0]
@@ -396,7 +396,7 @@ MFIX_HEAD = re.compile(r"(?im)^[ \t\"]*(Dimension|Particles)(?:[ \t]+to[ \t]+rea
 MFIX_OPTION = re.compile(
     r"(?im)^[ \t\"]*(Coordinates|Phase_ID|Diameter|Density|Velocity)[^\s,]*[\s,]+\.?([TF])\w*\.?([^\n]*)$"
 )
-MFIX_NAMES = {"phase_id": ["type"], "diameter": ["diameter"], "density": ["density"]}  # vectors follow the dimension
+MFIX_NAMES = {"phase_id": ["type"], "diameter": ["diameter"], "density": ["density"]}  # others are vectors
 
 
 def recognize_edem(head: bytes) -> bool:
