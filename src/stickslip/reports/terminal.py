@@ -146,8 +146,8 @@ def _unmeasured(bar: Progress, text: str):
 def estimate_left(history: list[tuple[float, float]]) -> float | None:
     """Estimate the remaining time of a stage [s] from its elapsed times and shares; None if its rate is not steady.
 
-    The mean rate and the rate in the second half of the time must agree within a factor of 1.3. Otherwise the rest is
-    unknown: steps of a load path, for example, take longer towards its end.
+    The mean rate and the rate in the second half of the time must agree within a factor of 1.3. Otherwise the remaining
+    time is unknown: steps of a load path, for example, take longer towards its end.
     """
     (spent, share), half = history[-1], history[bisect(history, (0.5 * history[-1][0],)) - 1]
     if not 0.05 < share < 1 or spent < STEADY or share <= half[1]:
@@ -184,7 +184,7 @@ def format_duration(seconds: float) -> str:
 
 
 def new_table(*columns: str, title: str | None = None, units: dict[str, str] | None = None, left=()) -> Table:
-    """Table without rows, with units in its headings and numbers to the right; `left` names other columns."""
+    """Table without rows, with units in its headings and columns aligned to the right, except those in `left`."""
     table = Table(title=title, **STYLE)
     for name in columns:
         justify = "left" if name in left else "right"

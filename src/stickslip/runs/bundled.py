@@ -109,7 +109,7 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
     Raises
     ------
     ValueError
-        If there is no such example, or a file of its name exists there and `overwrite` is False; nothing is copied.
+        If there is no such example, or a file of this name exists there and `overwrite` is False; nothing is copied.
     """
     sources = [path(name) for name in chosen or names()]
     found = [file for source in sources for file in (sorted(source.rglob("*")) if source.is_dir() else [source])]
