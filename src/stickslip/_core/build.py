@@ -60,7 +60,7 @@ FLAGS = [
 ]  # fmt: skip
 _SANITIZE = ["-O1", "-g", "-fno-omit-frame-pointer", "-fno-sanitize-recover=all"]
 _PROBE = '#include <math.h>\nextern "C" double probe(double x) { return exp(x); }\n'
-_MARK = "stickslip core "  # begins the stamp in a library
+_MARK = "stickslip core "  # beginning of the stamp in a library
 _STAMP = """\
 extern "C" __attribute__((visibility("default"))) const char core_stamp[];
 const char core_stamp[] = {};
@@ -189,7 +189,7 @@ def stamp(path: Path) -> dict[str, str]:
 
 
 def _is_truncated(content: bytes) -> bool:
-    """Return True if an ELF file ends before its table of sections, which is its end; loading it could be fatal."""
+    """Return True if an ELF file ends before its table of sections, which comes last; loading it could crash Python."""
     if not content.startswith(b"\x7fELF\x02\x01"):  # other than 64-bit and little-endian
         return False
     start, size, number = struct.unpack("<40x Q 10x HH", content[:62])
@@ -249,9 +249,9 @@ def build(
 
     Parameters
     ----------
-    folder : sources
+    folder : folder of the sources
     out : where libraries and objects go; the folder of the sources if not given
-    levels : to build; if none is given, the highest one that this processor runs
+    levels : levels to build; by default, the highest one that this processor runs
     sanitize : sanitizers of the compiler, separated by commas
     force : build even if the libraries are up to date
     verbose : print commands, and the complete messages of the compiler

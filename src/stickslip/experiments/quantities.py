@@ -1,7 +1,7 @@
 """Tables of quantities: each quantity of a result is one row, with its name, unit, meaning and function.
 
-Columns of files, measures with their intervals, terminal, labels of axes, tables of notebooks and pages of reference
-follow from the rows:
+The rows determine columns of files, measures with their intervals, terminal output, axis labels, tables in notebooks
+and reference pages:
 
     LOOP = Quantities([
         Quantity("G", STRESS, "secant modulus between the turns", lambda loop: loop.tau_a / loop.gamma_a),

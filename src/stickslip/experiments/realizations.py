@@ -1,7 +1,7 @@
 """Parts of all simulations: the law and the packing of a scenario, and the loop over its realisations.
 
-Realisations run in parallel, are saved, skipped if they are, and reported if they fail. On a device, legs of several,
-each in a separate thread, run side by side in one batch (`Together`).
+Realisations run in parallel and are saved; saved ones are skipped, and failures are reported. On a device, legs of
+several realisations, each in a separate thread, run side by side in one batch (`Together`).
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -60,8 +60,8 @@ class Paper(NamedTuple):
 class SweepMember(NamedTuple):
     """Member of a sweep, for `compare` of its experiment."""
 
-    values: dict[str, Any]  # of the swept keys
-    measures: dict[str, tuple[float, str]]  # with their units; empty if the member is not finished
+    values: dict[str, Any]  # values of the swept keys
+    measures: dict[str, tuple[float, str]]  # measures with their units; empty if the member is not finished
     archive: Path  # its results.h5
 
 
@@ -91,13 +91,13 @@ class Experiment(NamedTuple):
     # (scenario, path of a laboratory's table) -> function of the contents of the archive that returns a Comparison
     overlay: Callable | None = None
     compare: Callable | None = None  # (members of a sweep) -> Comparison
-    compares: tuple[str, ...] = ()  # names of its files
+    compares: tuple[str, ...] = ()  # names of the files of a comparison
     paper: Paper | None = None
-    more_papers: tuple[Paper, ...] = ()  # others that it reproduces
+    more_papers: tuple[Paper, ...] = ()  # further papers that it reproduces
     smallest: tuple[dict, ...] = ()  # tables of runs that take seconds, for tests of all experiments
     export: Callable | None = None  # (scenario, folder) -> paths of the input that LAMMPS runs elsewhere
     parallel: bool = True  # whether realisations can be distributed over the workers of a cluster
-    device: bool = False  # whether `simulate`, and `reproduce` of its paper, can run them on a graphics processor
+    device: bool = False  # whether `simulate`, and `reproduce` of its paper, can use a graphics processor
 
     @property
     def name(self) -> str:
