@@ -38,7 +38,7 @@ except ImportError:  # Windows
 HERE = Path(__file__).resolve().parent
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 MACHINE = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
-MACOS, GLIBC = "11.0", "2.28"  # the oldest systems that run the libraries, if the machine's own compiler agrees
+MACOS, GLIBC = "11.0", "2.28"  # oldest systems that run the libraries, if the compiler supports them
 ZIGLANG = "ziglang>=0.17"  # the package that holds a compiler
 NO_COMPILER = (
     "no C++ compiler works here: install GCC or Clang (Debian: apt install g++; macOS: xcode-select --install), "

@@ -308,7 +308,7 @@ def _check_of_union(parts, given: bool):
                 return convert(name, value)
             except (TypeError, ValueError) as problem:
                 problems.append(problem)
-        for problem in problems:  # of the right type, but with an invalid entry
+        for problem in problems:  # the type is right, but an entry is invalid
             if isinstance(problem, ValueError):
                 raise problem
         raise TypeError(f"{name} must be {kinds}, got {_describe(value)}")

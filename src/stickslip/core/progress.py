@@ -34,7 +34,7 @@ STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 
 class Size(NamedTuple):
     """Number of items of one kind in a run, or in the result of a function."""
 
-    what: str  # its origin, as the start of a sentence: "line.width and line.cell make"
+    what: str  # origin of the number, as the start of a sentence: "line.width and line.cell make"
     number: float
     kind: str  # a key of LIMITS
     remedy: str  # advice if there are too many

@@ -217,7 +217,7 @@ def _check_array(data: bytes, order: str, budget: Budget, depth: int) -> None:
         raise ValueError(f"an array of shape {tuple(sizes)} and class {kind}")
     count = math.prod(sizes)
     budget.take(8 * count)
-    _numbers(reader, order, *TEXT)  # its name
+    _numbers(reader, order, *TEXT)  # name of the array
     if kind in (CELL, STRUCT, OBJECT):
         _check_parts(reader, order, budget, depth, kind, count)
         return

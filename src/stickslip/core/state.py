@@ -93,7 +93,7 @@ class Contacts(NamedTuple):
     stale: bool  # whether the list is invalid at the present positions, for example after a deformation of the cell
     count: np.ndarray  # (1,)
     rolling: np.ndarray | None = (
-        None  # (C, columns) of rotations (7) and additional memory of the law; None without either
+        None  # (C, columns) memory of rotations (7) and additional memory of the law; None without both
     )
 
     def check_entries(self) -> None:
@@ -129,7 +129,7 @@ class Control(NamedTuple):
     course: np.ndarray  # (K, C) factors of rates, or displacements of load points, one column per course
     follows: np.ndarray  # (N + W, 6) column of `course` that a rate follows, −1: none
     cell_follows: np.ndarray  # (3, 3) the same for the cell
-    spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero for none [force/length]
+    spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero if there is none [force/length]
     anchor: np.ndarray  # (N + W, 3) position of load points without displacement [length]
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
@@ -151,12 +151,12 @@ class Bonds(NamedTuple):
     j: np.ndarray  # (K,) int32
     image: np.ndarray  # (K, 3) int16
     intact: np.ndarray  # (K,) bool: not broken
-    length: np.ndarray  # (K,) at rest [length]
+    length: np.ndarray  # (K,) length at rest [length]
     arm: np.ndarray  # (K,) fraction of the bond length from j to the point of action of the shear force
     direction: np.ndarray  # (K, 3) unit vector from j to i at rest, turned with j
     turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since the rest configuration
     angle_i: np.ndarray  # (K, 3) angle of i to which `direction` and `turn` belong [rad]
-    angle_j: np.ndarray  # (K, 3) angle of j, likewise [rad]
+    angle_j: np.ndarray  # (K, 3) angle of j to which they belong [rad]
     stiffness: np.ndarray  # (K, 4) [force/length] twice, [force length] twice
     damping: np.ndarray  # (K, 4) [force time/length] twice, [force time] twice
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none

@@ -60,8 +60,8 @@ def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None,
     Parameters
     ----------
     pairs : (K, 2) numbers of the grains, the smaller one first
-    length : (K,) rest lengths [length]; present ones by default, and where zero
-    direction, turn : (K, 3) and (K, 4) as in `Bonds`; unrotated by default, and where zero
+    length : (K,) rest lengths [length]; by default, and where zero, the present lengths
+    direction, turn : (K, 3) and (K, 4) as in `Bonds`; by default, and where zero, unrotated
     """
     new = _make(state, bond, *_given_pairs(state, pairs), length)
     if turn is not None:

@@ -40,7 +40,7 @@ class _MomentLinearisation(NamedTuple):
     reach_by_overlap: np.ndarray  # (C,)
     reach_by_force: np.ndarray  # (C,)
     weighted: np.ndarray  # (C,) as in `jacobian.Linearisation`
-    damping: np.ndarray  # (C,) of the dashpot of rolling
+    damping: np.ndarray  # (C,) coefficient of the rolling dashpot
     slides: np.ndarray  # (C,) 1 if ψ is at its cap
     twisting: np.ndarray  # (C,) k τ
     twisting_along: np.ndarray  # (C,) k, zero at the cap
@@ -60,7 +60,7 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
     )
     struct, shift = law_struct(law, members=TANGENTS), shifts(state.contacts, state.cell.vectors)
     core.linearise_moments(struct, state.cell.dim, here, state.contacts, shift, memory, out)
-    by_way = np.zeros((count, 3, 6))  # with respect to r and θ
+    by_way = np.zeros((count, 3, 6))  # derivatives with respect to r and θ
     by_way[:, :, 3:] = np.eye(3)
     psi, by_psi, by_reach = memory_tangent(
         turn, out.before, out.way, by_way, out.reach, out.reach_by_overlap, out.weighted > 0

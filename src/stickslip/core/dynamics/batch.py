@@ -110,10 +110,10 @@ class System(NamedTuple):
     """One leg with the data for its start."""
 
     leg: Leg
-    state: State  # at the start, with the forces of its last step
+    state: State  # state at the start, with the forces of its last step
     order: np.ndarray  # (B,) number of each body in the state
     single: int  # number of single grains
-    events: np.ndarray  # (E, EVENT) of the start, see `RecordBuffers.events`
+    events: np.ndarray  # (E, EVENT) events of the start, see `RecordBuffers.events`
 
 
 def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | RuntimeError]:

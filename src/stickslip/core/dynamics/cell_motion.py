@@ -31,7 +31,7 @@ class Flow(NamedTuple):
     factor: (
         np.ndarray
     )  # (2, C + 1) values of courses, mean over the step and at its end; the last is 1, for rates without a course
-    rate: np.ndarray  # (B, 6) of bodies, in the order of memory
+    rate: np.ndarray  # (B, 6) rates of bodies, in the order of memory
     follows: np.ndarray  # (B, 6)
 
     @property

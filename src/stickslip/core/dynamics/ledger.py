@@ -39,7 +39,7 @@ _STORED = [COLUMNS.index(name) for name in ("kinetic", "normal", "tangential", "
 class Ledger(NamedTuple):
     """Energies at T samples, and work and dissipation since the start of the run [energy]."""
 
-    kinetic: np.ndarray  # (T,) of grains and walls, translations and rotations
+    kinetic: np.ndarray  # (T,) kinetic energy of grains and walls, translations and rotations
     normal: np.ndarray  # (T,) stored in normal springs
     tangential: np.ndarray  # (T,) stored in tangential springs
     external: np.ndarray  # (T,) work of forces, springs, torques, gravity, driven bodies, and the cell
@@ -67,7 +67,7 @@ class Books(NamedTuple):
 
     bodies: Bodies
     contacts: tuple
-    vectors: np.ndarray  # (3, 3) of the cell
+    vectors: np.ndarray  # (3, 3) vectors of the cell
     pull: np.ndarray  # (B, 3) forces of springs
     stride: int  # steps between two entries
     step: int  # step of the last entry
@@ -134,8 +134,8 @@ def _ends_of_step(old: Bodies, now: Bodies, before, after, old_vectors, vectors)
 class Dissipation(NamedTuple):
     """Energy that each pair in the list has dissipated [energy]."""
 
-    sliding: np.ndarray  # (C,) by friction
-    dashpots: np.ndarray  # (C,)
+    sliding: np.ndarray  # (C,) dissipated by sliding friction
+    dashpots: np.ndarray  # (C,) dissipated by dashpots
 
     def check_entries(self) -> None:
         """Raise ValueError if an entry is not a finite number."""

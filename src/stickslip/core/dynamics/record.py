@@ -46,7 +46,7 @@ class Record(NamedTuple):
     touching: np.ndarray  # (T,) number of closed contacts
     sliding: np.ndarray  # (T,) number of contacts at the Coulomb limit
     virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; see `stress`
-    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any [1]
+    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero if there are none [1]
     momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
     coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included [1]
     held_coordination: np.ndarray  # (T,) the same mean without rattlers and their contacts: see `measure.coordination`
@@ -54,12 +54,12 @@ class Record(NamedTuple):
     cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]
     group_position: np.ndarray  # (T, G, 3) centre of mass of each rigid group [length]
     group_velocity: np.ndarray  # (T, G, 3) [length/time]
-    group_force: np.ndarray  # (T, G, 3) of contacts on the group, dashpots included [force]
-    group_pull: np.ndarray  # (T, G, 3) of springs on the group [force]
-    position: np.ndarray  # (T, P, 3) of the probed grains [length]
+    group_force: np.ndarray  # (T, G, 3) force of contacts on the group, dashpots included [force]
+    group_pull: np.ndarray  # (T, G, 3) force of springs on the group [force]
+    position: np.ndarray  # (T, P, 3) positions of the probed grains [length]
     angle: np.ndarray  # (T, P, 3) [rad]
     events: np.ndarray  # structured: kind ("closed", "opened", "limit", "broke"), time, i, j, image, position of i
-    ledger: Ledger | None  # with `ledger=True`
+    ledger: Ledger | None  # energy ledger, with `ledger=True`
     periodic: np.ndarray  # (3,) bool: whether the cell repeats along each of its vectors
     dim: int  # 2 for disks in a plane, or 3
 
@@ -155,7 +155,7 @@ class RecordBuffers(NamedTuple):
     supports: np.ndarray  # (B,)
     probes: np.ndarray  # (P,)
     series: np.ndarray  # (T, columns of all observables)
-    groups: np.ndarray  # (T, G, 4, 3) of rigid groups: position, velocity, force of contacts, force of springs
+    groups: np.ndarray  # (T, G, 4, 3) position, velocity, force of contacts, force of springs of rigid groups
     tracks: np.ndarray  # (T, P, 6)
     events: np.ndarray  # (E, 10) kind, time, i, j, image, position of i
     event_count: np.ndarray  # (1,)

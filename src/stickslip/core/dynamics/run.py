@@ -49,7 +49,7 @@ class Leg(NamedTuple):
     state: State
     law: Law
     dt: float  # [time]
-    steps: int  # from the state
+    steps: int  # number of steps after the state
     samples: int = 1  # number of returned states, evenly spaced, the last one at the end
     drag: float = 0.0  # [1/time]
     spin_drag: float | None = None  # [1/time], if different from drag; not in LAMMPS
@@ -71,7 +71,7 @@ class Leg(NamedTuple):
 
     @property
     def wall_numbers(self) -> tuple[int, ...]:
-        """Number of each wall of the state among those of all legs."""
+        """Number of each wall of the state among the walls of all legs."""
         return tuple(range(len(self.state.walls.mass))) if self.walls is None else self.walls
 
     @property
@@ -334,7 +334,7 @@ def stable_time_step(state: State, law: Law) -> float:
     check_materials(state, law)
     state = with_neighbor_list(state, law)
     here = bodies(state)
-    # of the contact network by power iteration on M^(−1/2) K M^(−1/2)
+    # ω² of the contact network by power iteration on M^(−1/2) K M^(−1/2)
     start = np.sin(1.0 + 7.0 * np.arange(state.n_bodies)[:, None] + 3.1 * np.arange(6))
     scratch = np.empty_like(start), np.empty((len(state.contacts.i), 6))
     largest = core.largest_squared_frequency(*_network(state, law, here), ROUNDS, start, *scratch)

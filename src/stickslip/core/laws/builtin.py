@@ -271,7 +271,7 @@ def liquid_bridge(
     return make_law("liquid_bridge", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t, **own)
 
 
-# by name: each built-in law has the name of its constructor, which may have an argument `rescaled`
+# constructors by name, which is that of the law; some have an argument `rescaled`
 CONSTRUCTORS: dict[str, Callable[..., "Law"]] = {
     law.name: partial(globals()[law.name.removesuffix("_rescaled")], rescaled=True)
     if law.rescales
@@ -466,7 +466,7 @@ def _parameters(law: Law) -> dict[str, np.ndarray]:
 
 
 _VISCOUS = {"gamma_roll": ("time/length", "rolling dashpot over R_eff² F_n")}
-_SCALED = {  # with the contact radius a
+_SCALED = {  # parameters scaled with the contact radius a
     "k_twist": ("force/length", "twisting stiffness over a²"), "mu_twist": ("1", "largest twisting moment over a F_n"),
     "gamma_twist": ("1", "twisting dashpot over a² times the tangential one"),
 }  # fmt: skip

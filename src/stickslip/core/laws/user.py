@@ -322,7 +322,7 @@ def from_file(path: str | Path, **parameters: float) -> Law:
 def from_text(text: str, path: Path, parameters: dict) -> Law:
     """Contact law from the text of a Python file, which is executed; see `from_file`."""
     scope = {"__name__": path.stem, "__file__": str(path)}
-    linecache.cache[str(path)] = len(text), None, text.splitlines(keepends=True), str(path)  # for messages
+    linecache.cache[str(path)] = len(text), None, text.splitlines(keepends=True), str(path)  # for lines in messages
     try:
         exec(compile(text, str(path), "exec"), scope)
     except SyntaxError as problem:
