@@ -29,7 +29,7 @@ class LinearisedState(NamedTuple):
 
     state: State
     law: Law
-    line: Linearisation  # of all pairs in the list
+    line: Linearisation  # linearisation of all pairs in the list
     rows: np.ndarray  # touching pairs
     loose: np.ndarray  # (N,) bool, rattlers
 

@@ -71,7 +71,7 @@ class Motion(NamedTuple):
 class Balance(NamedTuple):
     """Growth at finite amplitude, from harmonic balance."""
 
-    amplitudes: np.ndarray  # (S,) at which it converged
+    amplitudes: np.ndarray  # (S,) amplitudes at which the harmonic balance converged
     rates: np.ndarray  # (S,) growth rate a′/a; NaN beyond the peak [1/time]
     peak: float  # amplitude at which growth ends; infinite if it does not
     harmonics: np.ndarray  # (S + 1, H, n) mean displacement and harmonics of the slaved motion, from amplitude zero on
@@ -108,7 +108,7 @@ class BirthForm(NamedTuple):
     bare: float  # β without slaved modes
     peak: float  # amplitude at which a burst turns back, from the harmonic balance or, beyond its range, from β
     cubic_peak: float  # σ √(2/|β|), the limit of `peak` near the birth; infinite for β > 0
-    amplitudes: np.ndarray  # (S,) at which the harmonic balance converged, up to `first`
+    amplitudes: np.ndarray  # (S,) amplitudes at which the harmonic balance converged, up to `first`
     rates: np.ndarray  # (S,) growth rate a′/a at each amplitude, NaN beyond the peak [1/time]
     limit: float  # amplitude at which a contact first reaches the Coulomb limit; infinite if none does
     limit_contact: tuple[int, int]  # the bodies of that contact; (−1, −1) if there is none

@@ -19,7 +19,7 @@ from .linear import suitable_threads
 from .moduli import VOIGT, ElasticModuli, elastic_moduli
 from .sensitivity import assess
 
-HALVINGS = 80  # bisections of the interval of an amount
+HALVINGS = 80  # bisections in the search for an amount
 NEVER = 1e100  # amounts above this are reached only by bonds without a limit
 
 

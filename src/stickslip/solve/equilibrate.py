@@ -38,15 +38,15 @@ from .spectrum import soft_modes, symmetric_part_is_positive
 BALANCED = 5e-14  # default tolerance, in natural units of force
 # residuals over the mean normal force at which Newton's method is tried again after damped dynamics
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
-SHARES = (3e-1, 1e-2, 3e-4)  # the same, over the residual at which Newton's method stalled
+SHARES = (3e-1, 1e-2, 3e-4)  # residuals of the same kind, over the residual at which Newton's method stalled
 FEW = 3000  # steps of damped dynamics in a stage before dynamics starts again from the beginning of the load step
-PATIENCE = (8, 1)  # in small and in large systems, see `patience_for`
+PATIENCE = (8, 1)  # numbers of slow steps in small and in large systems, see `patience_for`
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
-DRAG, STEP = 0.3, 0.2  # drag and time step of damped dynamics, in units from the highest frequency
+DRAG, STEP = 0.3, 0.2  # damped dynamics: drag over the highest frequency, time step times it
 # weaker drags, tried in turn: with these the softest modes of a nearly unjammed packing come to rest sooner, and a
 # packing that creeps without end along one path may find a balance along another
 WEAK_DRAGS = (0.03, 0.01, 0.003)
-RELAXED, RELAX_DRAG, RELAX_STEP = 1e-14, 0.05, 0.1  # of `relax`: tolerance, drag, time step, in natural units
+RELAXED, RELAX_DRAG, RELAX_STEP = 1e-14, 0.05, 0.1  # defaults of `relax`, in natural units
 STEPS = 100_000  # quench: largest number of steps
 SKIN = 0.5  # quench: skin of the neighbour list over the smallest radius, large because grains move far at first
 # quench: time step, mixing, steps downhill, longest time step, and whether the forces balance

@@ -1,6 +1,6 @@
 """Fastest-growing complex pair of a large system: the bottom of the spectrum, then random probes above.
 
-Growth is g = |Im √λ| ≈ Im λ/(2√λ), so pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
+Growth is g = |Im √λ| ≈ Im λ/(2√λ), so for a given Im λ, pairs with low λ grow fastest. The lowest
 modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
 modes are searched by tangent dynamics (see `solve.probes`). Where factors do not fit into memory, the probes search the
 whole spectrum.
@@ -213,7 +213,7 @@ class FastestPair(NamedTuple):
     probes: int  # random initial vectors of the tangent dynamics
     candidates: list[ShiftWindow]  # windows computed; the first, if any, is that at the bottom
     unverified: int  # growing peaks of the spectra from which no eigenvalue was extracted
-    suspected: float  # growth rate of the fastest of these peaks, estimated from its amplitude; 0 without any [1/time]
+    suspected: float  # growth rate of the fastest of these peaks, estimated from its amplitude; 0 if none [1/time]
     free: Freedom
     soft: SoftModes | None = None  # negative and zero λ; None if the bottom of the spectrum was not computed
 

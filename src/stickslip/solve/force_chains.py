@@ -28,13 +28,13 @@ class ForceNetwork(NamedTuple):
     """Touching contacts and bonded pairs, including contacts with walls, and their forces."""
 
     dim: int
-    position: np.ndarray  # (N, 3) of grains [length]
+    position: np.ndarray  # (N, 3) positions of grains [length]
     radius: np.ndarray  # (N,) [length]
     pair_i: np.ndarray  # (C,) grains
     pair_j: np.ndarray  # (C,) grains, or walls from N on
     branch: np.ndarray  # (C, 3) from j, or the surface of a wall, to i [length]
     normal: np.ndarray  # (C, 3) unit vectors along `branch`
-    force: np.ndarray  # (C, 3) on i [force]
+    force: np.ndarray  # (C, 3) force on i [force]
     force_n: np.ndarray  # (C,) normal part, positive if it presses [force]
 
     @property
@@ -49,7 +49,7 @@ class ForceNetwork(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Mean normal force of contacts that do not pull; 0 without them [force]."""
+        """Mean normal force of contacts that do not pull; 0 if there are none [force]."""
         pushing = self.force_n[self.force_n >= 0]
         return float(pushing.mean()) if len(pushing) else 0.0
 
@@ -60,7 +60,7 @@ class ForceNetwork(NamedTuple):
 
 @readable
 class ForceChains(NamedTuple):
-    """Chains of grains that carry more than the mean, and their lengths."""
+    """Chains of grains that carry more than the mean force, and their lengths."""
 
     chains: list[np.ndarray]  # grains of each chain in order, longest chain first
     lengths: np.ndarray  # (K,) number of grains in each chain
@@ -72,8 +72,8 @@ class ForceChains(NamedTuple):
 class StrongNetwork(NamedTuple):
     """Contacts whose normal force is above the mean, and the largest cluster of grains that they join."""
 
-    strong: np.ndarray  # (C,) bool, of the touching contacts
-    cluster: np.ndarray  # (C,) bool, of the largest cluster
+    strong: np.ndarray  # (C,) bool, mask of the touching contacts
+    cluster: np.ndarray  # (C,) bool, contacts of the largest cluster
     grains: np.ndarray  # (n,) grains of the largest cluster
     clusters: int  # number of clusters of two grains or more
     share_of_pressure: float  # fraction of the pressure borne by strong contacts, 1 if all are strong

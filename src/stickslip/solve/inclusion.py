@@ -26,7 +26,7 @@ STRONG = 6.0  # smallest significant difference of AICc: a likelihood ratio of 2
 CONFIDENCE = 0.95  # confidence of intervals
 ELASTIC_BELOW = 1e-6  # |κ| r below which the functions of elasticity are used
 ROUND_OFF = 1e-12  # smallest scatter over the radial displacement
-MODELS = ("elastic", "dipole", "odd")  # with 0, 1 and 2 components of κ²
+MODELS = ("elastic", "dipole", "odd")  # models with 0, 1 and 2 components of κ²
 ANGLES = 8  # number of angles of κ² from which fits start
 SMALL = 0.02  # step of differences over the smallest overlap or gap of a grain that grows
 LEAST = 1e-9  # growth of a grain, above the round-off of positions and pressures
@@ -42,7 +42,7 @@ class Rings(NamedTuple):
     spread: np.ndarray  # (Q,) standard deviation of the distances in each [length]
     mean: np.ndarray  # (k, Q) radial and, in the plane (k = 2), tangential displacement [length]
     error: np.ndarray  # (k, Q) standard errors: scatter in the ring, enlarged because neighbours move together [length]
-    covariance: np.ndarray  # (kQ, kQ) of `mean.ravel()`, from the scatter between parts [length²]
+    covariance: np.ndarray  # (kQ, kQ) covariance of `mean.ravel()`, from the scatter between parts [length²]
     count: np.ndarray  # (Q,) displacements in each ring
     parts: int  # independent parts whose scatter is the error: centres, or sectors around them
 
@@ -255,7 +255,7 @@ class Inflation(NamedTuple):
     """Displacements in a packing around inflated grains, each in a separate experiment."""
 
     growth: float  # relative growth of their radii
-    centers: np.ndarray  # (M,) inflated grains
+    centers: np.ndarray  # (M,) numbers of the inflated grains
     offset: np.ndarray  # (M, N, dim) initial position of the nearest image relative to the centre [length]
     displacement: np.ndarray  # (M, N, dim) less its mean if nothing holds the packing in place [length]
     counted: np.ndarray  # (M, N) counted grains: free, not rattlers, not inflated
@@ -263,7 +263,7 @@ class Inflation(NamedTuple):
     outer: float  # distance up to which circles or spheres around all centres are whole [length]
     volume: float  # volume of the periodic cell; NaN if grains are held, or there are walls or open sides
     lame: np.ndarray  # (M,) A of u_r = A/r^(dim−1) + B r from moduli and change of pressure; NaN as above [length^dim]
-    states: list[State]  # at the end of quasi-static steps; none in linear response
+    states: list[State]  # states at the end of quasi-static steps; none in linear response
     changes: np.ndarray  # (M, K, 4) numbers of contacts that opened, closed, began to slide, stopped, in each step
 
     @property

@@ -191,7 +191,7 @@ class _Front(NamedTuple):
 
     first: int
     last: int
-    border: np.ndarray  # later rows coupled to them
+    border: np.ndarray  # later rows coupled to the pivots
     lu: np.ndarray
     swaps: np.ndarray
     upper: np.ndarray  # P⁻¹ A_PB

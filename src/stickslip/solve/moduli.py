@@ -16,7 +16,7 @@ from ..core.state import State
 from .freedom import Freedom, assembled, backbone, incidence, jacobian
 from .linear import factorised
 
-# row sum of J over the largest, above which a coordinate is resisted; rotations without friction are not
+# row sum of J over the largest, above which a coordinate counts as resisted, unlike rotations without friction
 HELD_ABOVE = 1e-13
 SOLVED = 1e-9  # largest residual of the non-affine motion, over the largest row of J, for a valid solution
 DENSE_UP_TO = 3_000  # number of coordinates up to which floppy modes are distinguished from unsupported loads

@@ -302,7 +302,7 @@ class GrowingModes:
         return max(run.seen, self.growth + EXCITED / run.time if self.value is not None else 0.0)
 
     def extract(self, run: ProbeRun, follow: Callable[[], None]) -> None:
-        """Let the probes run on until filters at the hopeful peaks yield the growing mode of the first one, or fail."""
+        """Let the probes run on until filters at hopeful peaks yield the growing mode of the first peak, or fail."""
         value, growth = self.hopeful(run)[0]
         centre, bin_width = np.sqrt(complex(value)).real, 2 * np.pi / (run.span * run.dt)
         peak = centre, bin_width, growth

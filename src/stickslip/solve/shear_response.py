@@ -40,7 +40,7 @@ PRUNE = 2e-3  # fraction of the mean overlap below which a contact does not supp
 class Support(NamedTuple):
     """Grains remaining after pruning, and the contacts between them."""
 
-    contacts: np.ndarray  # (C,) bool, of all pairs in the list
+    contacts: np.ndarray  # (C,) bool, mask of the pairs in the list
     grains: np.ndarray  # (N,) bool
 
 

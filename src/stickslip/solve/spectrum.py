@@ -139,7 +139,7 @@ class SoftModes(NamedTuple):
     """Negative and zero eigenvalues among those computed at the bottom of the spectrum."""
 
     negative: np.ndarray  # (K,) λ < 0, lowest first [1/time²]
-    vectors: np.ndarray  # (n, K) their modes, generalised displacements of unit mass-weighted norm
+    vectors: np.ndarray  # (n, K) modes of these, as generalised displacements of unit mass-weighted norm
     zero: int  # number of zero eigenvalues
 
 
@@ -226,7 +226,7 @@ def damped_growth(
     """Exponents s of exp(st) of the linearised motion M q̈ = J q + C q̇ − M ν q̇, sorted by real part, largest first.
 
     All free coordinates are included, even rattlers and common translations; without drag, each adds s = 0 twice.
-    All eigenvalues are computed, by LAPACK: the exponents of a single contact are those of its closed form to 1e-12
+    All eigenvalues are computed, by LAPACK: the exponents of a single contact agree with its closed form to 1e-12
     (`tests/unit/test_damped.py`).
 
     Parameters
@@ -355,7 +355,7 @@ class DensityOfStates(NamedTuple):
     density: np.ndarray  # (B,) D, with real λ > 0 at ω = √λ and both members of complex pairs at ω = |Re √λ| [time]
     error: np.ndarray  # (B,) standard error from the random probes; zero if all eigenvalues were computed [time]
     of_pairs: np.ndarray  # (B,) contribution of complex pairs to `density`; NaN if it was not computed [time]
-    frequency: np.ndarray  # (K,) of all oscillating modes, sorted; empty if not all eigenvalues were computed [1/time]
+    frequency: np.ndarray  # (K,) frequencies of oscillating modes, sorted; empty if not all λ were computed [1/time]
     n: int  # number of modes: coordinates without those of rattlers
     zero: int  # modes that do not oscillate, λ = 0
     negative: int  # modes with λ < 0; −1 if they were not counted

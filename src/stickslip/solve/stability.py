@@ -393,7 +393,7 @@ def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, re
     whole, certify = freedom(here.state), method == "certify"
 
     def matrix_of(whole: Freedom):
-        return matrix if len(whole) == len(free) else here.dynamical_matrix(whole)  # with rattlers
+        return matrix if len(whole) == len(free) else here.dynamical_matrix(whole)  # includes rattlers
 
     search = find_pairs(whole, matrix_of, certify, report)
     scope = "all complex pairs that floating point can resolve"

@@ -49,7 +49,7 @@ class TransientGrowth(NamedTuple):
     time: float  # time of the largest amplification [time]
     bound: float  # upper bound of the amplitude at all times: condition number of the modes in this norm
     of_pair: float  # amplitude from the two most nearly coinciding modes alone; an estimate with dashpots
-    pair: np.ndarray  # (2,) their frequencies |Im s| [1/time]; they are in opposite phase after π over the difference
+    pair: np.ndarray  # (2,) frequencies |Im s| of these modes, in opposite phase after π over their difference [1/time]
     times: np.ndarray  # (T,) times evaluated, sorted, from 0 to the end of the window [time]
     amplitudes: np.ndarray  # (T,) largest amplitude at each time
     start: np.ndarray  # (2, n) displacement and velocity of the disturbance that grows most, of unit norm

@@ -27,7 +27,7 @@ MOST_RUNS = 60  # largest number of pulses
 class Trigger(NamedTuple):
     """Amplitude at which the first contact that sticks reaches the Coulomb limit or opens."""
 
-    predicted: float  # from the linear response and the exact law of the contacts; inf if none was found [of the drive]
+    predicted: float  # by linear response and the exact law of contacts; inf if none was found [of the drive]
     contact: tuple[int, int]  # bodies of this contact; (−1, −1) if none
     measured: float  # from dynamics; NaN if not computed [of the drive]
     first: tuple[int, int]  # bodies of the first contact at the limit in dynamics; (−1, −1) if not computed

@@ -66,7 +66,7 @@ class WaveSpectrum(NamedTuple):
 
     wavevector: np.ndarray  # (K, dim) k [1/length]
     exponent: np.ndarray  # (M,) complex s of all modes without translations [1/time]
-    weight: np.ndarray  # (K, p, M) complex, for P, S, …, R; the sum over M is one minus the part of translations
+    weight: np.ndarray  # (K, p, M) complex weights for P, S, …, R; their sum is one minus the part of translations
     pair: np.ndarray  # (M,) True for modes of complex pairs: Im s² beyond round-off without damping, growth with it
 
     def structure_factor(self, frequency: Numbers, width: float = 0.0) -> np.ndarray:
