@@ -252,7 +252,7 @@ class Localisation(NamedTuple):
     """Plane with the lowest resistance to a shear band: smallest determinant of the acoustic tensor n·C·n."""
 
     normal: np.ndarray  # (dim,) normal of the plane
-    determinant: float  # of the acoustic tensor, over that for the isotropic tensor nearest to the elastic moduli [1]
+    determinant: float  # of the acoustic tensor, over that of the isotropic tensor nearest to the moduli [1]
 
 
 @checked

@@ -94,7 +94,7 @@ class Events(NamedTuple):
 
     events: tuple[Event, ...]
     steps: StrainStep
-    state: State  # at the end of the path
+    state: State  # state at the end of the path
     drag: float  # drag of the dynamics that determine the end of an event [1/time]
     step: float  # largest strain step
     resolution: float  # largest width of a bracket

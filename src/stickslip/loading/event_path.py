@@ -287,7 +287,7 @@ def depart(point: Point) -> tuple[Point | None, bool]:
 def fall(point: Point, strain: float) -> Point | None:
     """Point to which dynamics leads from the state of another point at an advanced strain.
 
-    If dynamics does not come to rest, the result is the equilibrium about which it oscillates, or None without one.
+    If dynamics does not come to rest, the result is the equilibrium about which it oscillates; None if there is none.
     """
     end, rested = point.judge.rest(point.strained_to(strain))
     if rested:
@@ -329,7 +329,7 @@ class Signs(NamedTuple):
     strain: np.ndarray  # (S,)
     softest: np.ndarray  # (S,) smallest real eigenvalue [1/time²]
     loss_ahead: np.ndarray  # (S,) strain to the loss of a contact that causes instability
-    couples: list[np.ndarray]  # (K, 3) of each step: mean eigenvalue, squared gap, overlap of coupled real modes
+    couples: list[np.ndarray]  # for each step, (K, 3) mean eigenvalue, squared gap, overlap of coupled real modes
     pairs: np.ndarray  # (S,) complex pairs
     events: np.ndarray  # (E,) strains of all events so far
 

@@ -47,7 +47,7 @@ TO_BREAK = 20  # least number of default steps up to the first break by linear r
 class PathStep(NamedTuple):
     """End of a strain step, an equilibrium, with the changes during the step."""
 
-    strain: float  # from the first state, negative if it falls [1]
+    strain: float  # strain since the first state, negative if it falls [1]
     stress: float  # stress conjugate to the strain: −σ_xy, (σ_yy − σ_xx)/2, pressure or σ_yy [force/length^(dim−1)]
     pressure: float  # [force/length^(dim−1)]
     pairs: int  # complex pairs

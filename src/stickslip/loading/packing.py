@@ -254,7 +254,7 @@ def random_grains(
 
 
 def check_radii(radius, n: int) -> np.ndarray:
-    """Radii of n grains, from one, a few with equal numbers of grains, or n of them."""
+    """Radii of n grains, from one radius, a few that equal numbers of grains have, or n radii."""
     if n < 2:
         raise ValueError(f"a packing needs at least 2 grains, got n = {n}")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
@@ -322,7 +322,7 @@ def _compress(state: State, law: Law, wanted: float, tolerance: float | None) ->
     """Compress and quench until the given pressure is reached; p^(2/3) is nearly linear in the strain."""
     dim, strain, step, before = state.cell.dim, 0.0, -0.003, None
     reference, scales = state, natural_scales(state, law)
-    unit = scales.force / scales.length ** (dim - 1)  # of pressure
+    unit = scales.force / scales.length ** (dim - 1)  # unit of pressure
     for _ in range(60):
         now = pressure(state, law) if _is_jammed(state, law, tolerance) else 0.0
         if abs(now / wanted - 1) < 1e-6:

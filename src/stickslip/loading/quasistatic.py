@@ -153,7 +153,7 @@ class Watch:
         return Judge(state, self.law, self.drag or 0.0, slip=self.slip, way=self.way(state))
 
     def _follow(self, start: State, point: Equilibrium, left: bool) -> tuple[Equilibrium, bool]:
-        """Equilibrium reached by damped dynamics, and whether it is a different one."""
+        """Equilibrium reached by damped dynamics, and whether it differs from the given one."""
         way = self.way(start)
         start, begin, goal = commit(start, self.law), way.place(start), way.place(point.state)
         judge = self._judge(start)

@@ -174,7 +174,7 @@ class SlowRun(NamedTuple):
     """Slow run over T load steps."""
 
     time: float  # duration of a whole leg [time]
-    load: np.ndarray  # (T,) in legs, at the end of each step
+    load: np.ndarray  # (T,) load at the end of each step, in legs
     states: tuple[State, ...]
     kinetic_energy: np.ndarray  # (T,) largest during each step [energy]
 
