@@ -113,7 +113,7 @@ def trimmed(contacts: Contacts) -> Contacts:
 
 
 def known_nouns(nouns: Iterable[type]) -> dict[str, type]:
-    """Classes that `restore` may build, by name: states and laws, the given ones, and those of their fields."""
+    """Classes that `restore` may build, by name: states, laws, the given classes, and the classes of their fields."""
     found = {noun.__name__: noun for noun in _NOUNS}
     rest = list(nouns)
     while rest:
@@ -265,7 +265,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     OSError
         If the file cannot be written; an existing file is left unchanged.
     """
-    import h5py  # on demand, because checkpoints do without it
+    import h5py  # imported on demand, because checkpoints do without it
 
     path = Path(path)
     memory = {"driver": "core", "backing_store": False, "userblock_size": _BLOCK}

@@ -33,7 +33,7 @@ class Sheet(NamedTuple):
     """Columns of a table as stored, with K headings."""
 
     headings: list[str]  # (K,), empty where a column has none
-    units: list[str | None]  # (K,) from a row of units or an attribute
+    units: list[str | None]  # (K,) units from a row of units or an attribute
     rows: list[tuple[int, list[str]]] | None = None  # for text: number of each line and its K fields
     values: list[np.ndarray] | None = None  # (K,) for files of arrays: values of the columns
 
@@ -131,7 +131,7 @@ def _split_titles(line: str, mark: str | None, width: int) -> list[str]:
     if mark is not None:
         try:
             return [title.strip() for title in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]
-        except csv.Error:  # as for a quotation that is not closed
+        except csv.Error:  # such as a quotation that is not closed
             return []
     apart = [title for title in re.split(r"\s{2,}|\t", line.strip()) if title]
     return apart if len(apart) == width else re.split(r"\s+(?![\[(])", line.strip())

@@ -126,7 +126,7 @@ SHORT = {  # abbreviations in headings, and other forms of the same word
     "displ": "displacement",
     "nor": "normal", "norm": "normal", "shr": "shear", "coeff": "coefficient",
 }  # fmt: skip
-GREEK = ("σ", "sigma|sig"), ("ε", "epsilon|eps"), ("τ", "tau"), ("δ", "delta|∆")  # as they are spelt
+GREEK = ("σ", "sigma|sig"), ("ε", "epsilon|eps"), ("τ", "tau"), ("δ", "delta|∆")  # letters and their names
 ABSENT = (-9999.0, -999.0, -99999.0)  # placeholders of some programs for missing numbers
 SIMILAR = 0.1  # relative tolerance within which a ratio equals that of two units
 SHOWN = 8  # columns that a message lists
@@ -150,7 +150,7 @@ class LaboratoryTable(NamedTuple):
     wanted: Wanted
     sheet: Sheet
     headings: list[str]  # (K,) as the user names them
-    places: dict[str, tuple[int, float]]  # of wanted columns, and factors that convert them to SI units
+    places: dict[str, tuple[int, float]]  # positions of wanted columns, and factors that convert them to SI units
 
     def numbers(self) -> dict[str, np.ndarray]:
         """Numbers in the wanted columns in SI units, without incomplete rows, whose number a warning states."""

@@ -25,7 +25,7 @@ from ..core.units import in_si
 from ..extras import cache_folder
 from .schema import Finite, NotNegative, Positive, ScenarioError, ScenarioTable, Several, split_unit, validate_scenario
 
-TRUSTED = "trusted_laws.txt"  # in the user's cache folder: the SHA-256 of every text that may be executed
+TRUSTED = "trusted_laws.txt"  # file in the user's cache folder with the SHA-256 of every text that may be executed
 
 
 class LawOrFile(ScenarioTable):
@@ -183,7 +183,7 @@ class Key(NamedTuple):
     """Key of law tables."""
 
     kind: Any  # annotation of its values; None is also allowed where it is the default
-    words: str | None  # with its unit in brackets at the end
+    words: str | None  # description, with the unit in brackets at the end
     default: Any = None  # value in tables without this key
 
 

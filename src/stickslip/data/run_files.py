@@ -182,8 +182,8 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
 
     Parameters
     ----------
-    ours : function that returns True if a run may write, replace or remove a file of this name; in a folder where a run
-    has left files, other files are ignored; hidden files always are
+    ours : function that returns True if a run may write, replace or remove a file of this name. In a folder where a run
+    has left files, other files are ignored; hidden files are always ignored
     """
     if not folder.is_dir():
         return []

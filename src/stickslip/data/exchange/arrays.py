@@ -245,7 +245,7 @@ PREFIX = "stickslip/"
 SHOWN = ("sticking", "sliding")  # types of GSD bonds that stand for contacts
 CEMENT = ("bond", "broken bond")  # types of GSD bonds that stand for bonds
 META = f"{PREFIX}meta"
-ENTRY = np.dtype("<u8, <u8, <i8, <u4, <u2, u1, u1")  # of the file index
+ENTRY = np.dtype("<u8, <u8, <i8, <u4, <u2, u1, u1")  # entry of the file index
 ENTRY.names = "frame", "rows", "at", "columns", "id", "type", "flags"
 NAME, TYPES = 64, np.array([0.0, 1, 2, 4, 8, 1, 2, 4, 8, 4, 8, 1])  # sizes of a name, and of numbers by type [bytes]
 # memory of a particle or bond [bytes], even if the file contains only their number: other data have defaults
@@ -395,7 +395,7 @@ def _sizes_of_frames(path: Path) -> dict[int, float]:
     if ((index["at"] < 0) | (index["at"] + size > stored)).any():
         raise ValueError("a chunk is declared beyond the end of the file")
     frames, places = np.unique(index["frame"], return_inverse=True)
-    sizes = np.bincount(places, 8.0 * index["rows"] * index["columns"])  # as numbers in double precision
+    sizes = np.bincount(places, 8.0 * index["rows"] * index["columns"])  # memory as numbers in double precision
     return dict(zip(frames.tolist(), sizes.tolist(), strict=True))
 
 

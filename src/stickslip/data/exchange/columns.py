@@ -40,9 +40,9 @@ class ListedBonds(NamedTuple):
     kind: np.ndarray  # (K,) type from 1; others are broken or turned off
     source: str  # name of the file
     labels: dict[str, str]  # types by their labels
-    length: np.ndarray | None = None  # (K,) at rest, zero where unknown; None: not in any file [length]
+    length: np.ndarray | None = None  # (K,) length at rest, zero where unknown; None: not in any file [length]
     direction: np.ndarray | None = None  # (K, 3) as in `Bonds`; None: grains have no orientations
-    turn: np.ndarray | None = None  # (K, 4), likewise
+    turn: np.ndarray | None = None  # (K, 4) as in `Bonds`; None: grains have no orientations
     weights: tuple[float, ...] = ()  # three weights of special_bonds for contacts; empty if not in the file
 
 
@@ -50,11 +50,11 @@ class Packing(NamedTuple):
     """A packing as a file describes it: arrays for `from_arrays`, or the state itself."""
 
     name: str  # name of the state in its file: a time step, the number of a frame, a path in an archive
-    arrays: dict  # for `from_arrays`
+    arrays: dict  # arguments of `from_arrays`
     notes: list[str]  # notes on assumptions and omissions
     step: int = -1  # time step; −1: unknown
     ids: np.ndarray | None = None  # (N,) ids that contacts refer to, increasing
-    types: np.ndarray | None = None  # (N,) from 0, rows of the law's table
+    types: np.ndarray | None = None  # (N,) types from 0, which are rows of the law's table
     force: np.ndarray | None = None  # (N, 3) resultant on each grain [force]
     state: State | None = None  # complete state with its memory
     setting: Callable[[State], State] | None = None  # adds walls and loads to the grains
@@ -332,7 +332,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         rest = [name for name in rest if name != turn]
     if kind := _column_of(KINDS, rest, columns):
         kinds, rest = np.asarray(columns[kind]), [name for name in rest if name != kind]
-        counted = (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0  # from 0, otherwise in sorted order
+        counted = (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0  # from 0
         known["types"] = kinds.astype(np.int64) if counted else np.unique(kinds, return_inverse=True)[1]
     ids = known.get("id")
     if ids is not None and not (len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all()):

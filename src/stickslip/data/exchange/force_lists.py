@@ -51,7 +51,7 @@ VECTORS = ("f", "ft")  # total and tangential force on the first grain
 class Lists(NamedTuple):
     """Content of two tables for one frame; names as in `measured_forces`."""
 
-    fields: dict[str, Any]  # for `measured_forces`
+    fields: dict[str, Any]  # arguments of `measured_forces`
     notes: list[str]
 
 
@@ -95,7 +95,7 @@ def _has_forces(names: list[str] | None) -> bool:
 
 
 def frames_of_lists(path: Path, contacts: Path) -> list[str]:
-    """Names of the frames in both tables; none without a frame column."""
+    """Names of the frames in both tables; empty if there is no frame column."""
     grains = _grains_of(path)[0]
     forces = _contacts_of(contacts, grains)[0]
     return [f"{step:g}" for step in _common_frames(path, grains, contacts, forces, [])]

@@ -35,8 +35,8 @@ class MeasuredForces(NamedTuple):
     pair_i: np.ndarray  # (C,) grains from 0
     pair_j: np.ndarray  # (C,)
     force_n: np.ndarray  # (C,) normal forces, not negative [force]
-    force_t: np.ndarray  # of disks (C,), positive if they turn both from x to y; of spheres (C, 3), on i [force]
-    position_error: np.ndarray  # (N,) of each coordinate; NaN: unknown [length]
+    force_t: np.ndarray  # disks: (C,), positive if they turn both from x to y; spheres: (C, 3), on i [force]
+    position_error: np.ndarray  # (N,) error of each coordinate; NaN: unknown [length]
     force_n_error: np.ndarray  # (C,) NaN: unknown [force]
     force_t_error: np.ndarray  # (C,) NaN: unknown [force]
     ids: np.ndarray  # (N,) grain numbers in messages
@@ -314,7 +314,7 @@ def _read_pegs(path: Path) -> MeasuredForces:
 
 
 def _particles(path: Path) -> list:
-    """Grains of a PeGS file, structures with its fields."""
+    """Grains of a PeGS file, as structures with the fields `PEGS`."""
     from scipy.io import loadmat
 
     try:

@@ -337,7 +337,7 @@ def _graph_of(frame: Frame) -> "networkx.MultiGraph":
 
 
 PARTS = ("data", "indices", "indptr", "shape")  # parts of a sparse matrix in compressed rows
-COORDINATES = ("mass", "body", "axis")  # of the `free` coordinates of a result, to which rows of matrices refer
+COORDINATES = ("mass", "body", "axis")  # data on the `free` coordinates of a result, to which rows of matrices refer
 
 
 @checked

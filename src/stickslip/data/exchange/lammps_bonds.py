@@ -100,7 +100,7 @@ def format_bonds(state: State) -> FormattedBonds:
     far = bonds.intact & (np.abs(apart) > 0.5).any(axis=1)
     rows = np.flatnonzero(bonds.intact & ~far)
     limited = (bonds.strength < ENDLESS).any(axis=1) & (bonds.form != BY_BEAM)
-    breaks = bool(limited[rows].any())  # for all styles of a hybrid
+    breaks = bool(limited[rows].any())  # the same for all styles of a hybrid
     springs = (bonds.form == BY_STRETCH) & ~limited & ~bonds.damping.any(axis=1)
     laws = [_bond_coefficients(bonds, k, harmonic=bool(springs[rows].all())) for k in rows]
     kinds = {law: number for number, law in enumerate(dict.fromkeys(laws), 1)}
@@ -166,7 +166,7 @@ def _yes(true: bool) -> str:
 class Commands(NamedTuple):
     """Bonds at the end of a run, according to its commands."""
 
-    style: list[str]  # bond style and its options; empty without one
+    style: list[str]  # bond style and its options; empty if there is none
     place: str  # position of the style
     coefficients: list[list[str]]  # words of bond_coeff since the style
     weights: list[str]  # factors of special_bonds for contacts of grains one, two and three bonds apart
@@ -175,7 +175,7 @@ class Commands(NamedTuple):
     labels: dict[str, str]  # types by their labels
     strained: bool  # grains may have moved since LAMMPS first evaluated the bonds
     turned: bool  # grains may have turned before LAMMPS first evaluated the bonds
-    origin: str  # data file with the positions at which LAMMPS first evaluated the bonds; empty without one
+    origin: str  # data file with the positions at which LAMMPS first evaluated the bonds, or empty
 
 
 def replay(commands: Sequence[Sequence[str]]) -> Commands:

@@ -223,7 +223,7 @@ class Dump(NamedTuple):
 
 
 def _selection(command: str) -> str:
-    """A command that writes grains, if its group is not all; else empty."""
+    """Return a command that writes grains if its group is not all, otherwise an empty text."""
     return "" if command.split()[-1] == "all" else command
 
 
@@ -231,7 +231,7 @@ class Run(NamedTuple):
     """Settings in force when the grains were written."""
 
     source: str  # name of the log or script
-    pair_style: list[str]  # style and arguments; empty without one
+    pair_style: list[str]  # style and arguments; empty if there is none
     pair_coeff: list[list[str]]
     fixes: dict[str, list[str]]  # group, style and the words that follow, by id
     groups: dict[str, list[list[str]]]  # words of each command `group`, by name
@@ -240,11 +240,11 @@ class Run(NamedTuple):
     unknown: list[str]  # commands whose outcome or variables are unknown here
     acts: dict[
         str, str
-    ]  # sentences on unread commands that (may) exert or change forces, by the key that replaces them
+    ]  # sentences on unread commands that (may) exert or change forces; later ones replace those with the same key
     places: dict[str, str]  # file and line of each fix, by id, and of the pair style
     met: dict[str, set[str]]  # first words of commands, by their group
     labels: dict[str, int]  # types of atoms by their labels
-    dumps: dict[str, Dump]  # by their names
+    dumps: dict[str, Dump]  # dumps by name
     bonds: list[list[str]]  # words of commands that concern bonds, after their positions
     year: int = 0  # year of the version of LAMMPS; 0: unknown
     sources: tuple[str, ...] = ()  # names of the files, in their order

@@ -184,7 +184,7 @@ def _add_wall_law(course: Course, contact: Contact, arguments: list[str]) -> Non
     course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
 
 
-OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # of regions, and the number of their arguments
+OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # of regions, and their numbers of arguments
 FLAT = ("plane", "block")  # regions with flat faces
 
 

@@ -36,7 +36,7 @@ ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2
 SKIPPED = "-"  # name of a skipped column
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
 OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be wrong
-NEGLIGIBLE = 1e-6  # the same, below which no warning is issued
+NEGLIGIBLE = 1e-6  # the same deviation, below which no warning is issued
 
 
 class Pairs(NamedTuple):

@@ -41,7 +41,7 @@ OLD_END = re.compile(rb"(\x2c\0\0\0[^\xff]{4})\x2d\0{7}(\xff{4}(?:\x2f\0\0\0|Lam
 PART = struct.pack("<i", 46)  # flag at the beginning of a part, before its number of blocks
 POSITION, TAG, TYPE, IMAGE, VELOCITY, OWN, EXTRA = 1, 4, 5, 7, 8, 11, 16  # OWN: columns of the atom style
 SIZES = ("radius", "mass", "spin")
-OWN_COLUMNS = {  # columns of atom styles after the common ones; hybrid styles have those of their parts, each once
+OWN_COLUMNS = {  # columns of atom styles after the common ones; hybrid styles have those of all their parts
     "sphere": SIZES, "bond": ("molecule", "bonds"), "bpm/sphere": ("molecule", "bonds", *SIZES, "orientation"),
     "atomic": (),
 }  # fmt: skip
@@ -85,11 +85,11 @@ class Restart(NamedTuple):
     spin: np.ndarray  # (N, 3) [rad/time]
     radius: np.ndarray  # (N,) [length]
     mass: np.ndarray  # (N,) [mass]
-    types: np.ndarray  # (N,) from 0
+    types: np.ndarray  # (N,) types, counted from 0
     mask: np.ndarray  # (N,) bit masks of the groups
     i: np.ndarray  # (C,) contacts, each once, i < j
     j: np.ndarray  # (C,)
-    slip: np.ndarray  # (C, 3) of i relative to j [length]
+    slip: np.ndarray  # (C, 3) slip of i relative to j [length]
     wall: np.ndarray  # (K,) index of the fix of the wall that a grain touches
     grain: np.ndarray  # (K,)
     wall_slip: np.ndarray  # (K, 3) [length]
@@ -193,8 +193,8 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     content = _read_whole(path)
     start, blocks = _blocks(content)
     fixes, style = _fixes(content[:start])[1], str(_header(content)[0].get(STYLE, "sphere"))
-    marks = {f"_{kind.upper().replace('/', '_')}_FIX_PROP": kind for kind in BOND_MEMORY}  # of fixes for bond styles
-    named = []  # in the order of their entries in a record
+    marks = {f"_{kind.upper().replace('/', '_')}_FIX_PROP": kind for kind in BOND_MEMORY}  # fixes for bond styles
+    named = []  # names in the order of their entries in a record
     for name, kind in fixes:
         named.append(next((marks[mark] for mark in marks if mark in name), kind))
     stores = named if walls is None else [HISTORY, *[REGION] * walls]
@@ -509,7 +509,7 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
     row = np.repeat(first, count) + number
     kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (row, row + np.repeat(count, count)))
     memory = np.zeros((len(number), 4))
-    # in a hybrid, each style stores its numbers for all bonds: the most complete ones count
+    # in a hybrid, each style stores its numbers for all bonds: the most complete set counts
     for style, (entry, end) in sorted(memories.items(), key=lambda item: BOND_MEMORY[item[0]]):
         width = BOND_MEMORY[style]
         at = np.repeat(entry, count) + 1 + width * number
@@ -532,7 +532,7 @@ def _read_block(block: np.ndarray, columns: Sequence[str], stores: list[str], va
     sizes = own["radius"][:, 0], own["mass"][:, 0], whole[start + TYPE] - 1, whole[start + TYPE + 1]
     walls, memories = 0, {}
     none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, MOST))
-    pairs, touched = [none], [(*none, none[0])]  # of each part of a hybrid style, and of each wall
+    pairs, touched = [none], [(*none, none[0])]  # contacts of each part of a hybrid style, and of each wall
     for style in stores:
         end = _ends(block, entry, stop)
         if style.startswith(HISTORY):

@@ -64,7 +64,7 @@ class Table(NamedTuple):
     columns: dict[str, list[str]]  # words, one list per column
     grains: bool = True  # False for a dump of contacts
     items: tuple[str, ...] = ()  # headings except the time step
-    file: str = ""  # its name, for messages
+    file: str = ""  # name of the file, for messages
 
     def numbers(self, *names: str) -> np.ndarray:
         """(rows, len(names)) columns as numbers; (rows,) for a single name."""
@@ -306,7 +306,7 @@ def _parse_bonds(sections: dict[str, tuple[str | None, str]], head: str):
 
 
 def _headings(head: str) -> list[str]:
-    """Names of the header lines, without counts of zero."""
+    """Names of the header lines, except those with a count of zero."""
     lines = [line.partition("#")[0].split() for line in head.split("\n")]
     words = [[word for word in line if not re.fullmatch(r"[-+.\d]+([eE][-+]?\d+)?", word)] for line in lines]
     counts = zip(words, lines, strict=True)

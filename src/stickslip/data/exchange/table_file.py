@@ -131,7 +131,7 @@ def read_columns(
     if not named and nameless is not None and lines and (names := nameless.get(len(_split(lines[0])))) is None:
         allowed = " or ".join(f"{n} ({' '.join(known)})" for n, known in nameless.items())
         raise PackingError(
-            f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are recognised, name others"
+            f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are recognised, others need names"
         )
     below = [line for line in lines[named:] if not line.startswith(COMMENT)]
     while len(below) > 1 and TOTALS.fullmatch(next(filter(None, _split(below[-1])), "").strip(" :.")):
@@ -144,7 +144,9 @@ def read_columns(
         )
         rows = rows[~empty]
     if names is None and (names := names_by_content(rows)) is None:
-        raise PackingError(f"{path} has {rows.shape[1]} columns without names: {LAYOUTS} are recognised, name others")
+        raise PackingError(
+            f"{path} has {rows.shape[1]} columns without names: {LAYOUTS} are recognised, others need names"
+        )
     if not named:
         notes.append(Assumption(f"{path.name} does not name its columns: {' '.join(names)} is assumed", COLUMNS))
     columns = {name: values for name, values in zip(names, rows.T, strict=True) if name or np.isfinite(values).any()}

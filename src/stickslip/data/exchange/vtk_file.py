@@ -39,7 +39,7 @@ class _Source(NamedTuple):
     base64: bool
     header: np.dtype  # type of the byte counts that precede data
     order: str  # byte order, < or >
-    packed: bool  # by zlib
+    packed: bool  # compressed by zlib
     budget: Budget
 
     def decode(self, at: int, count: int) -> tuple[bytes, int]:
