@@ -145,7 +145,7 @@ def run_members(
     members = [None if result is None else Member(result, None) for result in results]
     missing = {k: task for k, task in enumerate(tasks) if members[k] is None}
     done, failed, shares = len(tasks) - len(missing), 0, dict.fromkeys(missing, 0.0)
-    share_done = float(done)  # of all members, in members
+    share_done = float(done)  # sum of the shares of all members
 
     def keep(k: int, member: Member) -> None:
         nonlocal done, failed
@@ -377,7 +377,7 @@ def _events(client, events, futures: dict, ask):
         if time.monotonic() - looked >= POLL:
             try:
                 looked, slots = time.monotonic(), sum(client.nthreads().values())
-            except OSError:  # it has just disappeared
+            except OSError:  # the scheduler has just disappeared
                 raise SchedulerGoneError("the Dask scheduler has disappeared") from None
             ahead = max(AHEAD, 2 * slots)
             if not slots:

@@ -68,7 +68,7 @@ class Quantity(NamedTuple):
 
     name: str  # name of columns, measures and datasets
     unit: str  # dimensions such as "force/length^(dim-1)", or a unit; "1" for numbers and texts
-    meaning: str  # in a few words
+    meaning: str  # description in a few words
     # function of the subject, or attribute, `name` if not given; "packed.pressure" is NaN if `packed` is None
     of: Callable[[Any], Any] | str = ""
     label: str = ""  # label of axes, if it is not the name in words

@@ -100,7 +100,7 @@ MOST = 256  # realisations side by side on a device
 class Task(NamedTuple):
     """One realisation, or one independent part of it."""
 
-    label: str  # in messages, such as "sample 3"
+    label: str  # name in messages, such as "sample 3"
     arguments: tuple
     name: str  # name of its saved result
     checkpoint: Checkpoint | None  # where the result is saved

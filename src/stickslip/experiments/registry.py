@@ -49,7 +49,7 @@ class Paper(NamedTuple):
     scenario: Callable  # (quick, seed) -> scenario of the main run
     reproduce: Callable  # (quick, seed, folder, workers, report) -> reproduction
     shows: Callable  # () -> figures of the paper, their content, and the claims to quote
-    name: str | None = None  # for `stickslip reproduce`; None: the name of the experiment
+    name: str | None = None  # name for `stickslip reproduce`; None: that of the experiment
     # functions of the reproduction; None: use the function of the experiment on the main run
     numbers: Callable | None = None
     figures: Callable | None = None
@@ -62,7 +62,7 @@ class SweepMember(NamedTuple):
 
     values: dict[str, Any]  # values of the swept keys
     measures: dict[str, tuple[float, str]]  # measures with their units; empty if the member is not finished
-    archive: Path  # its results.h5
+    archive: Path  # path of its results.h5
 
 
 class Comparison(NamedTuple):

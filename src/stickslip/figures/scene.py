@@ -28,7 +28,7 @@ from .style import BLUE, BOND, BROKEN, COLORS, RED
 ASIDE = 0.05  # largest share of the grains that may be out of view at each side
 FEW = 10  # number of grains below which all are in view
 APART = 3.0  # gap to the others, in largest diameters, beyond which grains may be out of view
-FAR = 3.0  # distance from the middle half of the grains, in widths of that half, beyond which the same holds
+FAR = 3.0  # distance from the middle half of the grains, in its widths, beyond which grains may be out of view
 PARTED = 1.3  # distance of the grains of a broken bond, over that at rest, beyond which it is not drawn
 ZOOMS = (0.01, 1000.0)  # smallest and largest enlargement
 Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`

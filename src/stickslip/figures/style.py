@@ -67,7 +67,7 @@ STYLE = {
     "ytick.right": True,
     "axes.formatter.use_mathtext": False,  # tick labels without mathematics take a third less time
     "axes.prop_cycle": matplotlib.cycler(color=COLORS),
-    "figure.constrained_layout.use": False,  # each figure chooses: matplotlib would otherwise add one when saving
+    "figure.constrained_layout.use": False,  # figures choose their layout; otherwise saving would add one
     "pdf.fonttype": 42,  # TrueType: journals do not accept Type 3
     "ps.fonttype": 42,
     "svg.fonttype": "none",  # text remains text
@@ -354,7 +354,7 @@ class Look(NamedTuple):
     """Formats, width and panel letters of figures."""
 
     formats: tuple[str, ...] = ("png",)
-    width: Literal[86, 178] = 86  # in mm
+    width: Literal[86, 178] = 86  # [mm]
     letters: bool = True  # letters of panels, if there are several
     slides: bool = False  # 16:9 with large type, instead of a width
 

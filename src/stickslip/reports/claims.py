@@ -34,7 +34,7 @@ Value = float | bool | list | None
 class Claim(NamedTuple):
     """One row of a claims table.
 
-    `paper` is the printed value at `source`: True for a statement, None without one. `reference` is any
+    `paper` is the printed value at `source`: True for a statement, None if there is no value. `reference` is any
     other value to compare with, and `reference_source` its origin. `error` is one standard error of a number, 0 if the
     number is deterministic, and None if it is unknown or does not apply. `tolerance` is relative.
     """

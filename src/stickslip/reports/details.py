@@ -160,7 +160,7 @@ class BondDetails(NamedTuple):
     """Computed quantities, or the reason why they could not be computed."""
 
     decisive: DecisiveBonds | str
-    breaks: dict[tuple[str, int], FirstBreak] | str  # by mode of deformation and sign
+    breaks: dict[tuple[str, int], FirstBreak] | str  # first breaks, by mode of deformation and sign
 
 
 def compute_bonds(state: State, law: Law) -> BondDetails:

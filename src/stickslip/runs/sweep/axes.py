@@ -132,7 +132,7 @@ class Axis(NamedTuple):
     key: str
     values: tuple
     kind: str  # "list", or one of KINDS
-    parameters: Any = None  # of a distribution: its two ends, or Normal
+    parameters: Any = None  # parameters of a distribution: its two ends, or Normal
 
 
 def flatten(table: dict, ends: Callable[[dict], bool] = lambda inner: False, above: str = "") -> dict:
