@@ -63,7 +63,7 @@ _SHAPE = re.compile(r"\(((?:\w+, ?)+(?:\w+)?)\)")
 
 BODY_BITS, IMAGE_BITS = 21, 7  # bits of a body and of each component of an image in the key of a contact
 LARGEST = 1e150  # largest magnitude of any number in a state, so that squares are finite
-LONG = 10_000  # array size from which BLAS uses several threads
+LONG = 10_000  # smallest array size for which BLAS uses several threads
 COURSE_DTYPE = np.int16  # type of column numbers; small, because there are nine per body
 
 

@@ -156,7 +156,7 @@ class Bonds(NamedTuple):
     direction: np.ndarray  # (K, 3) unit vector from j to i at rest, turned with j
     turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since the rest configuration
     angle_i: np.ndarray  # (K, 3) angle of i to which `direction` and `turn` belong [rad]
-    angle_j: np.ndarray  # (K, 3) angle of j to which they belong [rad]
+    angle_j: np.ndarray  # (K, 3) angle of j to which `direction` and `turn` belong [rad]
     stiffness: np.ndarray  # (K, 4) [force/length] twice, [force length] twice
     damping: np.ndarray  # (K, 4) [force time/length] twice, [force time] twice
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
@@ -175,7 +175,7 @@ class Instant(NamedTuple):
 
     force: np.ndarray  # (N + W, 6) forces and torques, external ones included
     pull: np.ndarray  # (3, 3) L̇ of the cell's free components [1/time²]
-    mark: int  # checksum of the state to which they belong
+    mark: int  # checksum of the state to which the forces belong
 
 
 @readable(

@@ -82,7 +82,7 @@ def with_bonds(state: State, new: Bonds) -> State:
 @checked
 @knows_bonds
 def without_bonds(state: State) -> State:
-    """State without its bonds, intact and broken ones."""
+    """State without its bonds, whether intact or broken."""
     return state._replace(bonds=None, instant=None)
 
 

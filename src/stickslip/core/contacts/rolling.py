@@ -5,7 +5,7 @@ truncated at the cap of the law and transported like the slip:
 
     ψ ← T (ψ + Δ(angle_i − angle_j)),   T = I − m nᵀ,   |ψ| ≤ cap/k_r,   M_i = −k_r ψ,   M_j = +k_r ψ,
 
-with m the mid-step normal (see `mid_normal` in `mechanics.h`).
+where m is the mid-step normal (see `mid_normal` in `mechanics.h`).
 
 A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so the
 transpose of the matrix that maps coordinates to r, ρ and θ = angle_i − angle_j maps F, T/R and M to loads. The twist

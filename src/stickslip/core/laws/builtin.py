@@ -53,7 +53,7 @@ class Law(NamedTuple):
     coulomb: int
     table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
     damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, plus NO_TENSION
-    properties: int = 0  # sum of those of `laws.properties`
+    properties: int = 0  # sum of flags, which are defined in `laws.properties`
 
     def check_entries(self) -> None:
         """Raise ValueError if compiled code does not know this law."""
@@ -157,7 +157,7 @@ def hertz_mindlin_reff(
 # Laws whose normal force has additional parameters: adhesion, liquid bridges, plasticity. All have the parameters of
 # `hertz_mindlin`, including `coulomb`, `damping` and `tension`, and additional ones. Dashpots act where the overlap is
 # positive, and contribute to no cap except that of `walton_braun`. Viscoelastic dashpots of `jkr` use the radius √(δ
-# R_eff), those of LAMMPS use a.
+# R_eff), whereas those of LAMMPS use a.
 
 
 @checked
@@ -304,7 +304,7 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
 
 
 def make_law(law_name, coulomb, damping, tension, *values, **own) -> Law:
-    """Law from the values of its parameters; `own` are those specific to this law."""
+    """Law from the values of its parameters; `own` contains parameters that only this law has."""
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
         raise ValueError(f"coulomb must be 'sharp' or 'smooth', got {quoted(coulomb)}")
     if not isinstance(damping, str) or damping not in DAMPING:
@@ -341,7 +341,7 @@ MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:
-    """Damping model of the law; 0 if no pair of materials has dashpots, including those of moments."""
+    """Damping model of the law; 0 if no pair of materials has dashpots, for forces or moments."""
     dashpots = DAMPING_N, DAMPING_T, *(k for k, name in enumerate(parameter_names(law)) if name in _DASHPOTS)
     return law.damping if law.table[..., dashpots].any() else 0
 

@@ -229,7 +229,7 @@ def angular_columns(law: Law) -> int:
     return COLUMNS + twisted if resists_rolling(law) or law.properties & LEVER else 0
 
 
-HALVINGS = 60  # bisections of the interval in which D is sought, down to round-off
+HALVINGS = 60  # number of bisections of the interval in which D is sought; they reach round-off
 _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 
 
@@ -271,14 +271,14 @@ def dashpot_coefficients(law: Law) -> np.ndarray:
 
 
 def critical_coefficient(kind: int) -> float:
-    """α of critical damping, √(2(p + 1)); that of Hertzian contacts for a user-defined law."""
+    """α of critical damping, √(2(p + 1)); for a user-defined law, the value for Hertzian contacts."""
     power = 1.5 if isinstance(kind, Kind) else BUILTIN_LAWS[kind].exponent
     return float(np.sqrt(2 * (power + 1)))
 
 
 @lru_cache
 def damping_ratio(restitution: float, *, tension: bool) -> float:
-    """D of a head-on collision with a coefficient of restitution above 0."""
+    """Damping ratio D of a head-on collision with a coefficient of restitution above 0."""
     lost = -log(restitution)
     if tension:
         return lost / hypot(pi, lost)
@@ -292,7 +292,7 @@ def damping_ratio(restitution: float, *, tension: bool) -> float:
 
 
 def restitution_of(ratio: float, *, tension: bool) -> float:
-    """Coefficient of restitution of a head-on collision with D; 0 if contacts that may attract never open."""
+    """Coefficient of restitution at a damping ratio D; 0 if contacts that may attract never open."""
     if tension:
         return exp(-pi * ratio / np.sqrt(1 - ratio**2)) if ratio < 1 else 0.0
     return exp(-_lost_by_opening(-float(np.arccos(ratio)) if ratio < 1 else float(np.arccosh(ratio))))
