@@ -35,12 +35,12 @@ class LinearisedState(NamedTuple):
 
     @property
     def backbone(self) -> Freedom:
-        """Free coordinates without those of rattlers."""
+        """Free coordinates of all bodies that are not rattlers."""
         return freedom(self.state).without(self._loose_bodies)
 
     @property
     def supported(self) -> np.ndarray:
-        """(C,) mask of the pairs in the list, without those of rattlers."""
+        """(C,) mask of the pairs in the list; False for pairs with a rattler."""
         contacts, count, loose = self.state.contacts, len(self.line.closed), self._loose_bodies
         return ~loose[contacts.i[:count]] & ~loose[contacts.j[:count]]
 
@@ -60,7 +60,7 @@ class LinearisedState(NamedTuple):
 
     @property
     def at_limit(self) -> np.ndarray:
-        """Rows of contacts at the Coulomb limit under sharp friction, without those of rattlers."""
+        """Rows of contacts at the Coulomb limit under sharp friction; contacts of rattlers do not count."""
         if self.law.coulomb != SHARP:
             return np.zeros(0, np.int64)
         slides = (self.state.contacts.mode[self.rows] == SLIDE) & (self.line.limit[self.rows] > 0)

@@ -53,7 +53,7 @@ PHASES = 24  # points per period of the mode that are examined for the first lim
 LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # search for this limit: factor between amplitudes, accuracy, first one
 AFTER = 1.5  # largest amplitude of the harmonic balance, over that at which a contact is lost in linear growth
 TIMES = 32  # points per period in the harmonic balance; the number of harmonics is up to a third of this
-SAMPLES = 36  # amplitudes at which the growth rate is computed
+SAMPLES = 36  # number of amplitudes at which the growth rate is computed
 MOST_ROUNDS, SETTLED = 60, 1e-8  # harmonic balance: most iterations, and the relative change at which they end
 LARGEST = 1.0  # ratio of slaved motion to motion along the mode above which the harmonic balance is meaningless
 PROBE = 0.02  # displacement for measuring nonlinear forces, over the amplitude of the first limit
@@ -114,7 +114,7 @@ class BirthForm(NamedTuple):
     limit_contact: tuple[int, int]  # the bodies of that contact; (−1, −1) if there is none
     opening: float  # amplitude at which a contact first opens
     opening_contact: tuple[int, int]
-    closing: float  # amplitude at which two grains first come into contact, up to which the form is valid
+    closing: float  # amplitude at which two grains first come into contact; the form is valid up to it
     closing_contact: tuple[int, int]
     resonance: float  # |ω_k − 2ω|/(2ω) of the mode nearest to the second harmonic
     detuned: float  # relative change of β if the second harmonic grows at 2σ: the error of a slaved one
@@ -307,7 +307,7 @@ def _solver(matrix, shift: float, columns=None, rows=None):
 
 
 def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float, float, float]:
-    """β, its value without slaved modes, and its value if the second harmonic grows at twice the rate of the pair.
+    """β, β without slaved modes, and β if the second harmonic grows at twice the rate of the pair.
 
     All three follow from exact Jacobians at displacements along u₀ of ±`probe` and ±`probe`/2.
     """
@@ -430,7 +430,7 @@ def first_changes(
 
 
 def _bisect(lost, low: float, high: float, rows) -> tuple[float, int]:
-    """Smallest amplitude between two at which a contact is lost, and that contact; `rows` are lost at the upper one."""
+    """Smallest amplitude between two at which a contact is lost, and that contact; at `high`, `rows` are lost."""
     while high - low > ROOT * high:
         middle = 0.5 * (low + high)
         now = lost(middle)

@@ -136,7 +136,7 @@ def break_along(here: LinearisedState, moduli: ElasticModuli, strain: np.ndarray
     wide[: moduli.dim, : moduli.dim] = strain
     moved = moduli.free.spread(np.einsum("nab,ab->n", moduli.motion, strain))
     limits = bond_limits(state, bond_motions(state, moved, wide))
-    loose = unsupported_grains(state, here.law)  # without load on their bonds
+    loose = unsupported_grains(state, here.law)  # their bonds carry no load
     amount, failure = bond_crossings(bonds, limits.load, limits.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
     return FirstBreak(amount, failure, bonds.i, bonds.j, strain, -np.einsum("abcd,cd->ab", moduli.tensor, strain))
 

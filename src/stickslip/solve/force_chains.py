@@ -145,7 +145,7 @@ def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE
     """Force chains: rows of three or more grains, each of which carries more than the mean and passes the force on.
 
     A grain is loaded if the largest principal value σ₁ of its Σ f ⊗ r is above the mean over grains with contacts, in
-    which negative values count as zero. On each side of it, the next grain is the loaded one that pushes it in the
+    which negative values count as zero. On each side of it, the next grain is the loaded grain that pushes it in the
     direction nearest to that of σ₁, within `angle`. Two grains are linked if each is the next of the other, so that
     chains do not branch.
 

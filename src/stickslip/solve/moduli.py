@@ -268,7 +268,7 @@ def isotropic_tensor(dim: int, bulk: float, shear: float) -> np.ndarray:
 
 @readable
 class ModuliBounds(NamedTuple):
-    """Elastic moduli between their bounds, in the order and with the strains of `ElasticModuli.voigt`.
+    """Elastic moduli and their bounds, in the order and with the strains of `ElasticModuli.voigt`.
 
     C − C_Reuss and C_Voigt − C have no negative eigenvalue, up to terms of the order of the stress: in small packings
     under a stress of 0.03 to 0.1 times C, eigenvalues of −0.01 to −0.2 times C occur.

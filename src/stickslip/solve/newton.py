@@ -202,7 +202,7 @@ def _push_out_loose(point: TrialPoint, law: Law, free: Freedom, loose: np.ndarra
         normal, total = branch / distance[:, None], np.zeros((len(out), 3))
         np.add.at(total, ends[:, 0], normal)
         np.add.at(total, ends[:, 1], -normal)
-        # with contacts on one side only, unlike those held between others
+        # their contacts are on one side only, unlike those of grains held between others
         out &= np.linalg.norm(total, axis=1) > 0.3 * np.bincount(ends.ravel(), minlength=len(out))
         mine = out[ends].any(axis=1)
         ends, branch, distance = ends[mine], branch[mine], distance[mine]

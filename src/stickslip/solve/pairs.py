@@ -58,7 +58,7 @@ class Basis(NamedTuple):
 
 
 class Window(NamedTuple):
-    """Reduced problem of the modes `inside`, with others eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
+    """Reduced problem of the modes `inside`; others are eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
 
     inside: slice
     centre: float
@@ -72,7 +72,7 @@ class Cluster(NamedTuple):
 
     window: Window
     vectors: np.ndarray  # (n, p)
-    expected: np.ndarray  # its complex eigenvalues with Im λ > 0 according to the window [1/time²]
+    expected: np.ndarray  # complex eigenvalues of the window with Im λ > 0 [1/time²]
 
 
 def symmetric_basis(matrix, precision, report: Report) -> Basis:

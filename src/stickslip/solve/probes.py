@@ -35,7 +35,7 @@ EXCITED = 1.15  # largest excess of a peak, as an exponent of amplitude, that st
 # steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the previous one
 SHORTEST, LONGER = 256, 16
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
-GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # exponent by which a pair grows while filters run once, and how often they run
+GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # growth exponent of a pair in a pass of filters; numbers of passes
 STALLED = 1.2  # after PASSES, filters run on only while Im λ over its residual grows by this factor
 CLEAR = 10.0  # Im λ over the residual that is accepted after the last pass
 FAR = 150.0  # logarithm of the amplitude at which probes stop, since double precision ends at 700
@@ -276,7 +276,7 @@ class GrowingModes:
     def __init__(self, motion: Motion, disc: tuple[float, float], growth: float, clear: float):
         self.motion, self.disc, self.growth, self.clear = motion, disc, growth, clear
         self.residual, self.value, self.vector = 0.0, None, None
-        # peaks that extracted modes explain, and those of this run without one: frequency, half-width, growth [1/time]
+        # peaks that extracted modes explain, and peaks of this run without one: frequency, half-width, growth [1/time]
         self.explained: list[tuple[float, float, float]] = []
         self.failed: list[tuple[float, float, float]] = []
         self.rounds = 0  # peaks at the end of this run for which filters have run
@@ -367,7 +367,7 @@ def _covers(known: list[tuple[float, float, float]], value: complex, growth: flo
 def search_by_probes(
     motion: Motion, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None, clear: float
 ) -> tuple[GrowingModes, ProbeRun, list[tuple[complex, float]]]:
-    """Run probes until modes slower than `rate`, or than the fastest one known, would stand out.
+    """Run probes until even modes slower than `rate`, or than the fastest known mode, would stand out.
 
     Parameters
     ----------

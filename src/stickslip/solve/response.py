@@ -28,7 +28,7 @@ DIRECT_UP_TO = 300  # number of coordinates up to which each frequency is solved
 STEPS, ROUNDS = 300, 6  # Arnoldi steps before convergence is checked, and how often they are continued
 ALLOWED = 1e-6  # largest deviation of k·a/2π from an integer
 SOLVED = 1e-8  # largest relative residual of a solution
-WITHOUT_LIMIT = 1e12  # response over that to the largest stiffness, above which round-off dominates
+WITHOUT_LIMIT = 1e12  # response, over the response of the largest stiffness, above which round-off dominates
 
 
 @readable
@@ -175,7 +175,7 @@ def frequency_response(
     Raises
     ------
     ValueError
-        If the forces do not balance; if a frequency is negative, or that of a resonance without damping; if a drive
+        If the forces do not balance; if a frequency is negative, or is an undamped resonance; if a drive
         moves nothing, or a rigid group other than as a whole; if a component does not exist, such as the rotation of a
         wall.
 

@@ -37,7 +37,7 @@ LEAST = 3  # smallest default number of spectra, however large the packing
 class ContactSensitivity(NamedTuple):
     """Sensitivity of one pair to contact stiffness, and of the verdict to the sliding or opening of each contact.
 
-    Changes are sorted: those that reverse the verdict first, then by the change in the growth rate, then by the
+    Changes that reverse the verdict come first; then the order is by the change in the growth rate, then by the
     derivative.
     """
 

@@ -49,7 +49,7 @@ class Spectrum(NamedTuple):
 
     @property
     def pair_indices(self) -> np.ndarray:
-        """Indices of `pairs` in `eigenvalues`, and of their modes, growth rates and frequencies."""
+        """Indices of `pairs` in `eigenvalues`; modes, growth rates and frequencies have the same ones."""
         index = np.flatnonzero(self.eigenvalues.imag > 0)
         return index[np.argsort(-self.growth_rate[index])]
 

@@ -29,7 +29,7 @@ from .response import as_patterns, forced_motion
 from .spectrum import REAL_BELOW
 
 AT_MOST = 1_500  # number of coordinates for which eigenvectors and a few hundred singular values take minutes
-NOTHING = 1e-9  # excess of the bound over 1 up to which no search is needed
+NOTHING = 1e-9  # largest excess of the bound over 1 that needs no search
 COARSE = 1e-3  # relative residual of a singular vector; the singular value is accurate to about its square
 SMALL = 150  # size up to which LAPACK finds the largest singular value faster than Lanczos' method
 UNCERTAIN = 1e10  # condition number of the modes beyond which round-off spoils the result
@@ -307,7 +307,7 @@ def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: 
         if k % 10 == 0:
             report("transient growth", 0.6 * k / len(times), f"{k} of {len(times)} times up to {duration:.4g}")
         amplitudes[k] = amplitude(t)
-    # the envelope first, then the phase of the oscillation below it
+    # first the envelope, then the phase of the oscillation under it
     reaches = duration / (samples - 1), 2 * np.pi / (max(pairs[0][2:]) if pairs else slowest)
     starts = np.unique([*times[np.argsort(-amplitudes)[:2]], *beats[:1]])
     for k, t in enumerate(starts):

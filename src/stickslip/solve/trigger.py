@@ -17,8 +17,8 @@ from .response import ForcedMotion, as_patterns, forced_motion, solve_at
 
 SOFT = 1e-9  # stiffness of the springs that exert forces, over that of contacts
 FINE = 0.1  # time step over the largest stable one
-SNAPSHOTS = 200  # times of a pulse at which contacts are examined
-SLOWLY = 200  # decay times in which slowly raised shaking reaches the predicted amplitude
+SNAPSHOTS = 200  # number of times during a pulse at which contacts are examined
+SLOWLY = 200  # number of decay times in which slowly raised shaking reaches the predicted amplitude
 NARROW = 1e-3  # relative accuracy of the amplitude found by pulses
 MOST_RUNS = 60  # largest number of pulses
 
@@ -48,8 +48,8 @@ def trigger_amplitude(
 
     In 96 shaken packings of 16 disks without tangential dashpots, the prediction differed from dynamics by 1 %
     (median), and by less than 5 % in nine tenths of them, but by up to 40 % near a weakly damped resonance. Tangential
-    dashpots are truncated at the limit together with the spring, before the contact slides, which is not part of the
-    linear response: the prediction is then too high, by 3 % (up to 20 %) with c_t = 0.2 c_n, and by 50 % (up to 120 %)
+    dashpots are truncated at the limit together with the spring, before the contact slides. The linear response does
+    not include this, so the prediction is too high, by 3 % (up to 20 %) with c_t = 0.2 c_n, and by 50 % (up to 120 %)
     with c_t = c_n.
 
     Parameters

@@ -65,9 +65,9 @@ class WaveSpectrum(NamedTuple):
     """Spectrum of a packing, projected on plane waves: ⟨w, v(t)⟩ = Σ_j weight_j exp(s_j t) after v(0) = w."""
 
     wavevector: np.ndarray  # (K, dim) k [1/length]
-    exponent: np.ndarray  # (M,) complex s of all modes without translations [1/time]
+    exponent: np.ndarray  # (M,) complex s of all modes except translations [1/time]
     weight: np.ndarray  # (K, p, M) complex weights for P, S, …, R; their sum is one minus the part of translations
-    pair: np.ndarray  # (M,) True for modes of complex pairs: Im s² beyond round-off without damping, growth with it
+    pair: np.ndarray  # (M,) True for modes of complex pairs: Im s² beyond round-off if undamped, otherwise growth
 
     def structure_factor(self, frequency: Numbers, width: float = 0.0) -> np.ndarray:
         """(K, p, F) S(k, ω) = (1/π) Re ∫ ⟨w, v(t)⟩ exp(−iωt − width·t) dt over t > 0; its integral over all ω is one.
@@ -116,15 +116,15 @@ def dispersion(
 ) -> Dispersion:  # fmt: skip
     """Dispersion relation of P, S and rotational waves, with the damping by drag, dashpots, friction and disorder.
 
-    For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by that of p coupled damped oscillators, (m
-    s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀. For P and S, s₀ is √Re⟨P|A|P⟩; for R it is
-    √Re⟨R|A|R⟩ of the first R (that of P where the latter is not positive, √max|A| where neither is). The branches are
-    poles of this response, chosen among the p with the largest Im s: with the first s₀ those whose vectors have the
-    largest shares in P and S, with the second those with the largest shares in R.
+    For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by the response of p coupled damped
+    oscillators, (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀. For P and S, s₀ is √Re⟨P|A|P⟩;
+    for R it is √Re⟨R|A|R⟩ of the first R, or the s₀ of P if ⟨R|A|R⟩ is not positive, or √max|A| if neither is. The
+    branches are poles of this response, chosen among the p poles with the largest Im s: with the first s₀, the poles
+    whose vectors have the largest shares in P and S, and with the second, those with the largest shares in R.
 
     A = −M^(−1/2) J M^(−1/2) and D = ν − M^(−1/2) C M^(−1/2), in the coordinates of `backbone`. The column of P in W is
-    √m k̂ exp(ik·r) over its norm, that of S has a unit vector across k in place of k̂, and that of R is √I e exp(ik·r),
-    with the moment of inertia I. Common translations are not removed from W or A.
+    √m k̂ exp(ik·r) over its norm; the column of S has a unit vector across k in place of k̂, and that of R is √I e
+    exp(ik·r), where I is the moment of inertia. Common translations are not removed from W or A.
 
     In a lattice with one grain per cell, the plane waves are invariant under A and D, and the poles are exact. In a
     disordered packing, a wave is a group of modes, and the poles are frequency and decay of the group: s₀ is so far
@@ -220,7 +220,7 @@ def wave_spectrum(
 def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
     """(K, dim) speeds of long waves from the moduli, fastest first: ρc² u_a = C_abcd n_b n_d u_c (Christoffel).
 
-    ρ is the mass of the grains without rattlers over the volume. A uniform stress drops out of the equation if C is the
+    ρ is the mass of all grains but rattlers, over the volume. A uniform stress drops out of the equation if C is the
     response of the Cauchy stress, as here. Speeds are NaN where a wave is unstable.
 
     In 300 disks, waves of `dispersion` were 2 % slower at a wavelength of 18 diameters, and 6 to 9 % slower at 6
@@ -284,7 +284,7 @@ def _branches(motion: ForcedMotion, waves: np.ndarray, transposed) -> tuple[np.n
 
 
 def _oscillators(motion: ForcedMotion, waves: np.ndarray, s: float):
-    """m, Γ and K, (p, p), of m s² + Γ s + K with the value and two derivatives of χ⁻¹ at s."""
+    """m, Γ and K, (p, p), for which m s² + Γ s + K has the value and first two derivatives of χ⁻¹ at s."""
     solve = _solver(motion, s)
     slope = motion.drag + 2 * s * sparse.eye_array(len(waves))
     once = solve(waves)
