@@ -41,7 +41,7 @@ class Scales(NamedTuple):
     """Scales of a packing under a pressure, from one contact that carries the force F = p d^(dim−1)."""
 
     force: float  # F [force]
-    time: float  # √(m d/F), in which the pressure moves a grain by its diameter [time]
+    time: float  # √(m d/F), time in which the pressure moves a grain by its diameter [time]
     stiffness: float  # k d/F, the stiffness of the contact over that of the pressure
     dt: float  # time step [time]
 

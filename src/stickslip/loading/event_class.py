@@ -27,7 +27,7 @@ PROBE, TRIED = (
 )  # fraction of a strain step for extrapolating forces, and number of contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, examined for a contact change
 NEAREST, ALMOST = 5, 0.99  # number of the most mobilised sticking contacts also tried, if mobilised above this
-RUN, SAMPLE = 20_000, 5  # steps of the run in which a growth rate is measured, and between its samples
+RUN, SAMPLE = 20_000, 5  # number of steps of a run that measures a growth rate, and of steps between its samples
 LOW, HIGH = 0.01, 0.5  # kinetic energies between which the growth rate is measured, over the largest one
 
 
@@ -180,7 +180,7 @@ def _weakest(point: Point) -> tuple[int, int]:
 
 
 def _point_at(event: Break, strain: float) -> Point | None:
-    """Point of the path at a strain, one step of Newton's method from the nearest point below it."""
+    """Point of the path at a strain, by one step of Newton's method from the nearest point below it."""
     below = [point for point in event.history if point.strain <= strain]
     if not below or below[-1].strain == strain:
         return below[-1] if below else None
@@ -239,7 +239,7 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
 
 
 def _power(x: np.ndarray, y: np.ndarray) -> float:
-    """Exponent p of 1/y = α x^(−p) + β through three points; NaN without one between ±STEEPEST."""
+    """Exponent p of 1/y = α x^(−p) + β through three points; NaN if none is between ±STEEPEST."""
     if len(x) < 3 or not (y > 0).all() or not (y[0] > y[1] > y[2]):
         return np.nan
     far, near = np.log(x[:-1] / x[1:])
@@ -275,7 +275,7 @@ def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray]
 
     Returns
     -------
-    kind, row of the contact in the list, eigenvalues with that contact sliding or open; None without such a contact
+    kind, row of the contact in the list, eigenvalues after it slides or opens; None if there is no such contact
     """
     response, drag = last.response, last.judge.drag
     for row, mode in dict.fromkeys([*_upcoming(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]):

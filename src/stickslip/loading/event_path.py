@@ -37,12 +37,12 @@ UNLOADED = 1e-3  # force that replaces the mean in a cemented packing at rest, o
 STILL = 1e-7  # displacement below which there was no jump, in mean overlaps
 BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
 ITERATIONS, PATIENCE = 30, 3  # largest number of Newton steps, and of those that leave more than half of the residual
-RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which Newton's method follows dynamics, over the mean normal force
-KICK = 1e-3  # largest displacement along a growing mode from which dynamics starts, in mean overlaps
-LEFT = 10.0  # distance from an unstable equilibrium at which it counts as left, over that of the start
+RESTING = (1e-6, 1e-8, 1e-10)  # residuals, over the mean normal force, at which Newton's method follows dynamics
+KICK = 1e-3  # largest displacement along a growing mode at the start of dynamics, in mean overlaps
+LEFT = 10.0  # distance from an unstable equilibrium, over that of the start, at which it counts as left
 TIME_STEP = 0.2  # time step of dynamics, in units of the longest stable one
 MOST_STEPS = 500_000  # largest number of steps of dynamics
-# dynamics from an unstable equilibrium: times of growth, then of decay, and steps at most
+# dynamics from an unstable equilibrium: e-foldings of growth, then of decay, and largest number of steps
 E_FOLDS, DECAYS, MOST_KICKED = 40.0, 1000.0, 200_000
 AROUND = 0.3  # distance from an equilibrium about which a packing oscillates endlessly, in mean overlaps
 MOST_DEPARTURES = 5  # largest number of departures from one unstable equilibrium to another
@@ -194,7 +194,7 @@ class Point:
 def commit(state: State, law: Law) -> State:
     """State with the memory of its contacts committed, each in its mode under a given law.
 
-    Contacts of packings made without friction are marked as sliding without slip, which is meaningless under a law with
+    Contacts of packings made without friction are marked as sliding without slip, which means nothing under a law with
     friction.
     """
     here = with_neighbor_list(state, law)
@@ -313,7 +313,7 @@ def settle(point: Point) -> Point:
 
 COUPLED = 0.5  # overlap of the modes of two real eigenvalues above which these are followed
 SAME = 0.05  # largest relative change of their mean from one step to the next
-WINDOWS = (3, 4, 5, 6)  # number of steps from which the strain of an event is extrapolated
+WINDOWS = (3, 4, 5, 6)  # numbers of steps from which the strain of an event is extrapolated
 FAR = 6.0  # number of strain steps beyond which no forecast is made
 LEVEL = 0.8  # level of the intervals
 SADDLE, PAIR, CONTACT = "softest eigenvalue", "gap of two real eigenvalues", "motion of contacts ahead"
@@ -324,7 +324,7 @@ CALIBRATED = {SADDLE: (-1.0, 0.1, 1.4), PAIR: (-0.7, 0.4, 1.7), CONTACT: (-0.45,
 
 
 class Signs(NamedTuple):
-    """Series along a path since its last event; strains count upwards."""
+    """Series along a path since its last event, with strains that increase on every path."""
 
     strain: np.ndarray  # (S,)
     softest: np.ndarray  # (S,) smallest real eigenvalue [1/time²]

@@ -30,10 +30,10 @@ from .packing import reduced_cell
 from .settling import Deformation, Mode, deformation
 
 SMALLEST = 0.02  # smallest displacement of an event, in mean overlaps
-FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
+FINER = 1024  # width of a bracket over that of the finer bracket, from which distances to an event are measured
 MOST_STEPS = 1_000_000  # largest number of strain steps of a search
 TRIALS = 200  # largest number of steps to find the finer bracket
-THOROUGH = 4  # step, in widths of a bracket, up to which Newton's method may converge slowly
+THOROUGH = 4  # largest step, in widths of a bracket, for which Newton's method may converge slowly
 SWITCHED = 5  # number of most mobilised sticking contacts tried in the switch test of each strain step
 SKEW = 0.5  # shear of the cell at which it is replaced by a less skewed one
 
@@ -139,7 +139,7 @@ def _check(to: float, step: float, resolution: float) -> None:
 
 
 def first_point(state: State, law: Law, drag: float, prune: float, way: Deformation) -> Point:
-    """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
+    """Given state at rest under the law; contacts of a packing made without friction are first made to stick."""
     here = commit(state, law)
     if not len(touching(here)):
         raise ValueError("the packing has no contacts and carries no load: compress it first")

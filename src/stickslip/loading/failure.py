@@ -60,7 +60,7 @@ class PathStep(NamedTuple):
     loss_ahead: float  # strain at which the linear motion loses a contact and becomes unstable
     couples: np.ndarray  # (K, 3) coupled real modes: mean eigenvalue [1/time²], squared gap [1/time^4], overlap [1]
     changes: np.ndarray  # (C, 3) change of a contact since the last step, index in CHANGES, and its two grains
-    events: tuple[Event, ...]  # discontinuities since the last step; their strains count upwards
+    events: tuple[Event, ...]  # discontinuities since the last step; strains without the sign of the path
     tolerated: bool  # the spectrum is unstable, but dynamics stays near this state
     state: State
     bonds: int = 0  # intact bonds
@@ -84,7 +84,7 @@ class PairLife(NamedTuple):
     died_above: float
     growth: float  # largest growth rate [1/time]
     at: float  # strain of the largest growth rate
-    event: bool  # whether an event lies in one of these brackets: the pair then began or ended with the jump
+    event: bool  # whether an event lies in one of these brackets: then the pair began or ended with its jump
 
 
 @readable

@@ -233,7 +233,7 @@ class _Network(NamedTuple):
         return a, a @ change - np.concatenate(values[:3]), g, g @ change - np.concatenate(values[3:])
 
     def bearing(self, change: np.ndarray) -> np.ndarray:
-        """(D (N + C),) mask without tangential forces of contacts about to open, whose directions do not converge."""
+        """(D (N + C),) mask; False for tangential forces of contacts about to open: their directions do not converge"""
         m = self.measured
         bears = self.at(change)[1] > 2 * self.least
         return np.concatenate([np.ones(m.position.size + len(bears), bool), np.repeat(bears, m.dim - 1)])
@@ -358,7 +358,7 @@ class _Directions(NamedTuple):
 
     @property
     def levers(self) -> np.ndarray:
-        """(C, 1 or 3, D − 1) torques on both grains, over their radii, by unit tangential forces: −n × t."""
+        """(C, 1 or 3, D − 1) torques of unit tangential forces on both grains, over their radii: −n × t."""
         if self.normal.shape[1] == 2:
             return np.ones((len(self.normal), 1, 1))
         return -np.cross(self.normal[:, None], self.across).transpose(0, 2, 1)

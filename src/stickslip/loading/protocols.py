@@ -506,7 +506,7 @@ def release(
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    # number of chunks of the growth; a longer run appends the same number. Entries: samples per chunk
+    # number of chunks of the growth; a longer run appends as many. `chunks` has the samples of each chunk
     count = max(20, snapshots)
     chunks = [max(1, int(min(e_folds / rate, duration) / dt / every / count))] * count
     rest = int(min(least, duration) / dt / every) - sum(chunks)

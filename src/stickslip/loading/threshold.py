@@ -30,13 +30,13 @@ from ..solve.balance import BALANCED_BELOW, force_imbalance, linearised, motion_
 from .packing import reduced_cell, wrapped
 from .protocols import Equilibrium, Protocol, perturbed
 
-KICK_LEGS = 40  # parts of a run, after each of which sliding is checked
-WINDOWS = 4  # parts of a duration, in each of which a lasting run moves by a part of the distance
-FAR = 8  # periodic boxes between the grains of a pair at which grains are put back into the cell; the limit is 64
+KICK_LEGS = 40  # number of parts of a run; sliding is checked after each
+WINDOWS = 4  # number of parts of a duration; in each, a lasting run moves by a part of the distance
+FAR = 8  # grains are put back into the cell when a pair is this many periodic boxes apart; the limit is 64
 SLOWING = 0.95  # travel in the last window over that in the first, below which a sample still slows down
-KICKS = (1e-13, 1e-4)  # default, in natural units
+KICKS = (1e-13, 1e-4)  # default kicks, in natural units
 SLID = 0.1  # distance that counts as sliding, as in `travel`
-FINE, WIDTHS = 60, 80  # thresholds between two loads, and widths, at which the likelihood is evaluated
+FINE, WIDTHS = 60, 80  # numbers of thresholds between two loads, and of widths, in the table of the likelihood
 BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in their range
 DROP = 1.92  # drop of the log-likelihood at the ends of a 95 % interval (half of the quantile 3.84 of χ² with 1 degree)
 
@@ -53,7 +53,7 @@ class KineticThreshold(NamedTuple):
     threshold: np.ndarray  # (K,) load at which half of the runs slide; NaN if the loads do not bracket it
     interval: np.ndarray  # (K, 2) 95 % interval by the likelihood ratio; infinite where the loads do not bound it
     width: np.ndarray  # (K,) width of the logistic curve 1/(1 + exp(−(load − threshold)/width))
-    arrest: np.ndarray  # (R, 2) load at which the sample stopped in each ramp down (−inf: none), and the one above
+    arrest: np.ndarray  # (R, 2) load at which the sample stopped in each ramp down (−inf: none), and the next above
     first_pair: float  # smallest load on the path with a complex pair; NaN if there is none
     first_limit: float  # smallest load on the path at which a contact is at the Coulomb limit; NaN if there is none
     duration: float  # duration of a run [time]
@@ -156,9 +156,9 @@ def kinetic_threshold(
     distance : distance that counts as sliding: shear strain of a cell whose shear follows a stress; or else
     displacement of a plate (rigid groups that are free to move) in mean diameters; or else median displacement of all
     grains
-    ramps : largest number of lasting runs, at the highest load that has any, whose load is then lowered through the
-    tried loads. Each load acts for one duration, or longer while the sample slows down. The sample has stopped unless
-    it slides throughout, like a run that lasts
+    ramps : largest number of ramps. Each starts from a lasting run at the highest load that has any, and lowers the
+    load through the tried loads. Each load acts for one duration, or longer while the sample slows down. The sample has
+    stopped unless it slides throughout, like a run that lasts
     drag : drag in all runs [1/time]
     kept : storage of finished runs, which are not repeated
     report : called as report(stage, share done, text)
@@ -344,7 +344,7 @@ def travel(start: State, end: State) -> float:
     """Distance by which a sample has slid.
 
     This is the shear strain of the cell if its shear follows a stress. Otherwise it is the displacement of rigid groups
-    that are free to move, such as a plate, or without these the median displacement of all grains, in mean diameters.
+    that are free to move, such as a plate, or if there are none, the median one of all grains, in mean diameters.
     """
     control, count = start.control, len(start.grains.radius)
     shear = control.cell_free & ~np.eye(3, dtype=bool)
