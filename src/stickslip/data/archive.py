@@ -223,8 +223,8 @@ def archive_fields(record) -> Fields:
 def restore_contacts(fields: dict) -> Contacts:
     """Contact list from its fields in a file.
 
-    Up to archive schema 4 and GSD schema 1, skin was an array with the gap as second entry, infinite positions marked a
-    stale list, and a law without rolling memory had an array without rows.
+    Up to archive schema 4 and GSD schema 1, skin was an array whose second entry was the gap, infinite positions marked
+    a stale list, and a law without rolling memory had an array without rows.
     """
     fields = {name: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for name, v in fields.items()}
     if "stale" not in fields:
@@ -257,7 +257,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     ----------
     tree : nested dictionaries of arrays, numbers, strings, None, and tuples and NamedTuples of these, including states
     scenario : canonical text
-    version : of the package that computed it
+    version : version of the package that computed the tree
     units : units named in the attribute `units` of datasets; without them, the attribute gives dimensions
 
     Raises
@@ -303,7 +303,7 @@ def read(path: str | Path, *, nouns: Iterable[type] = (), remedy: str = REMEDY) 
 
     Parameters
     ----------
-    nouns : classes of other NamedTuples and enums to restore; those not given are returned as dictionaries and strings
+    nouns : classes of other NamedTuples and enums to restore; all others are returned as dictionaries and strings
     remedy : advice if the file is not an archive: the inputs that the caller accepts
 
     Raises
@@ -417,7 +417,7 @@ def _is_compressible(plane: np.ndarray) -> bool:
 
 
 def _packer(level: int):
-    """Compressor for a part of a zlib stream; level 0 stores. It looks for runs only, which is fast."""
+    """Compressor for a part of a zlib stream; level 0 stores. It looks only for repeated bytes, which is fast."""
     return zlib.compressobj(level, zlib.DEFLATED, -zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
 
 

@@ -21,7 +21,7 @@ REMEDY = "give a text table, or an HDF5, MATLAB or binary XLOOK file"
 TITLE = struct.Struct(">20s4i")  # header of XLOOK: name, samples, columns, two unused
 CHANNEL = struct.Struct(">13s13si50si")  # name, unit, unused, comment, samples
 CHANNELS = (32, 16)  # number of channels in the header of current and of old files
-USUAL = 1e-20, 1e20  # magnitudes by which the byte order is found
+USUAL = 1e-20, 1e20  # magnitudes of plausible numbers, which identify the byte order
 MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal commas
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
@@ -43,7 +43,7 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
 
     Parameters
     ----------
-    known : function that returns True for a wanted heading, by which the row of headings is found
+    known : function that returns True for a wanted heading; it serves to find the row of headings
     named : whether the user gave column numbers, so headings are not needed
     example : example of headings, for messages
     remedy : advice for a table without headings, besides adding them
@@ -138,7 +138,7 @@ def _split_titles(line: str, mark: str | None, width: int) -> list[str]:
 
 
 def _fit_width(titles: list[str], rows: list[tuple[int, list[str]]]) -> list[str]:
-    """Headings of all columns: a first column that numbers the rows, or an empty last one, may have none."""
+    """Headings of all columns. A first column that numbers the rows, or an empty last column, may lack a heading."""
     if len(titles) == len(rows[0][1]) - 1 and not any(row[-1] for _, row in rows):
         return [*titles, ""]
     numbers = [row[0] for _, row in rows[:LEAST]]

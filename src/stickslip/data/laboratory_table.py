@@ -285,7 +285,7 @@ def same_word(word: str) -> str:
 def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> tuple[str, str | None]:
     """Name and unit of a heading such as `time [s]`, `time/s`, `time, s` or `time_s`; None without a unit.
 
-    The name is one of `aliases` if the heading is a form of it, also with a symbol behind it, as in `Void ratio e`.
+    The name is one of `aliases` if the heading is a form of it, perhaps with a symbol after it, as in `Void ratio e`.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> 
 
 
 def _alias_of(word: str, aliases: tuple[str, ...]) -> str | None:
-    """Alias of which a word is a form, perhaps followed by another one of them; None if there is none."""
+    """Alias of which a word is a form, perhaps followed by a form of another alias; None if there is none."""
     forms = {same_word(alias): alias for alias in reversed(aliases)}
     if (whole := forms.get(same_word(word))) is not None or same_word(word) in NAMES:
         return whole

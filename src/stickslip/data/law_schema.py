@@ -354,7 +354,7 @@ class PackingLaw(LawTable):
 
 
 def renamed_keys(law: dict) -> dict:
-    """Law table of a finished run with the present names of its keys; gouge had others before version 0.3."""
+    """Law table of a finished run with the present names of its keys; gouge used other names before 0.3."""
     if "gamma_n" not in law:
         return law
     kind = "hertz_mindlin_reff" + ("_rescaled" if law.get("rescaled") else "")

@@ -188,7 +188,7 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     if not folder.is_dir():
         return []
     own, adopted, begun = read_manifest(folder), _read(folder / UNFINISHED / _OVERWRITABLE), unfinished_scenario(folder)
-    own = {name: [sha for sha in digests if sha != _OTHER] for name, digests in own.items()}  # no run writes others
+    own = {name: [sha for sha in digests if sha != _OTHER] for name, digests in own.items()}  # a run writes no others
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
     if begun is not None:  # it wrote its scenario before the manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]

@@ -101,7 +101,7 @@ def account_for(
 
     Parameters
     ----------
-    kind : as in the table of `known`, where names are looked up after `plain`
+    kind : kind of the names in the table of `known`, where names are looked up after `plain`
     known : groups of names known to the reader
     """
     groups: dict[str, list[str]] = {}

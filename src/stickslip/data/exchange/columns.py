@@ -24,7 +24,7 @@ from ...core.text import decode_text, has_wide_letters
 from ...known import HARMLESS, USED
 from ..sample import COLUMNS, Absent, Assumption, Obstacle, PackingError, accepted, account_for, from_arrays
 
-HEAD = 2**14  # bytes at the beginning of a file by which its format is detected
+HEAD = 2**14  # number of bytes at the beginning of a file that identify its format
 FEW_DIGITS, SAMPLED = 9, 3000  # largest number of digits that counts as few, and number of words examined
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 MOST_DIGITS = 12  # largest number of digits in a number of grains
@@ -269,7 +269,7 @@ def is_matlab(path: Path) -> bool:
 
 
 def identify_columns(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns by the names used here, vectors (N, 2) or (N, 3), others (N,); and the names of unused ones."""
+    """Columns by the names used here, vectors (N, 2) or (N, 3), others (N,); and the names of unused columns."""
     plain = {plain_name(name): np.asarray(value) for name, value in columns.items()}
     out, taken = {}, set()
     for noun, names in SINGLE.items():
@@ -312,7 +312,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         some = " ".join(list(columns)[:20])
         lacks = "no positions" if "position" not in known else "no radii"
         there = f"columns {some}: {lacks} among them;" if some else "no columns:"
-        raise PackingError(f"{what} has {there} {NEEDED} are needed, under such names")
+        raise PackingError(f"{what} has {there} {NEEDED} are needed, with these names")
     count = len(known["position"])
     for column, values in columns.items():
         if column not in rest and np.ndim(values) and len(values) != count:

@@ -158,7 +158,7 @@ def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str])
     return Block(start, stop), k
 
 
-LONGEST_LINE = 4096  # characters that values of variables may have in a line
+LONGEST_LINE = 4096  # largest number of characters that the values of variables add to a line
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(
     r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL
@@ -175,7 +175,7 @@ RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that change
 COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
 COMBINED = ("union", "subtract", "intersect")  # groups composed of others
-OPENING = ("include", "if", "jump", "python")  # commands by which a script executes others that are not in it
+OPENING = ("include", "if", "jump", "python")  # commands that execute commands which are not in the script
 ABOUT_BONDS = (  # commands that change bonds, or lengths that may be those at rest
     "bond_style", "bond_coeff", "special_bonds", "create_bonds", "delete_bonds", "labelmap", "read_data",
     "read_restart", "run", "minimize", "rerun", "displace_atoms", "change_box", "read_dump", "replicate", "set",
@@ -190,7 +190,7 @@ class Region(NamedTuple):
     """A region, and the unit of its lengths if they are in lattice units."""
 
     words: list[str]  # style and arguments
-    spacing: list[str] | None = None  # spacing of the lattice at that time, empty if unknown; None without a lattice
+    spacing: list[str] | None = None  # spacing of the lattice at this command, empty if unknown; None without a lattice
 
 
 class Dump(NamedTuple):
@@ -237,7 +237,7 @@ class Run(NamedTuple):
     groups: dict[str, list[list[str]]]  # words of each command `group`, by name
     regions: dict[str, Region]
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
-    unknown: list[str]  # commands whose outcome or variables are unknown here
+    unknown: list[str]  # commands with an outcome, or with variables, that cannot be known here
     acts: dict[
         str, str
     ]  # sentences on unread commands that (may) exert or change forces; later ones replace those with the same key
@@ -454,7 +454,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.groups.get(rest[-1], []).append(["count", rest[0]])
         return run
     run.met[group_of("command", key)].add(key)
-    if key in ABOUT_BONDS and rest[:1] != ["CPU"]:  # a report of how long it took
+    if key in ABOUT_BONDS and rest[:1] != ["CPU"]:  # a report of the time that a command took
         run.bonds.append([place, *tokens])
     # groups whose members have different ids or types after the command
     retyped = key == "create_atoms" or (key == "set" and any(word.startswith("type") for word in rest[2:]))

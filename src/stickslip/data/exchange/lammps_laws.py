@@ -226,7 +226,7 @@ def of_release(contact: Contact, year: int) -> Contact:
 
 
 def as_restitution(law: str, damping: int, damping_n: float, factor: float = 1.0, *, tension: bool = True) -> float:
-    """Coefficient of restitution at which the α of coeff_restitution is that of a damping model times a factor.
+    """Coefficient of restitution for which coeff_restitution gives the α of a damping model times a factor.
 
     LAMMPS uses the α of contacts that may attract (`tension`), even with `limit_damping`.
     """

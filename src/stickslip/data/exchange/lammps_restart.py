@@ -1,9 +1,9 @@
 """LAMMPS restart files: grains and the memory of their contacts, read and written to the last bit.
 
 At the end of a restart file, each rank has a block of doubles with a record for every grain: its length, position, id,
-type, mask, image, velocity, radius, mass and spin, then one entry for each fix that stores data of grains. `fix
+type, mask, image, velocity, radius, mass and spin, then one entry for each fix that stores data on grains. `fix
 NEIGH_HISTORY`, created by every history pair style, comes first: it lists the partners of the grain and the memory of
-each contact, in the order i − j. Entries of walls follow in the order of their fixes. Most whole numbers are stored in
+each contact, in the order i − j. Entries of walls follow, in the order of their fixes. Most integers are stored in
 the bits of doubles.
 """
 
@@ -501,7 +501,7 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
 
     Parameters
     ----------
-    memories : entry and its end for each style that stores data of bonds
+    memories : entry, and its end, for each style that stores data on bonds
     """
     number = np.arange(count.sum()) - np.repeat(
         np.cumsum(count) - count, count

@@ -29,7 +29,7 @@ from .lammps_text import Table, parse_step
 GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # entries counted in a dump
 BEGIN, ITEM = b"ITEM: TIMESTEP", b"ITEM:"
 COMPRESSED = (b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # first bytes of gzip and Zstandard files
-HEAD = 512  # bytes at the beginning of a file by which its format is detected
+HEAD = 512  # number of bytes at the beginning of a file that identify its format
 
 
 class DumpFrame(NamedTuple):
@@ -262,7 +262,7 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
 
     Parameters
     ----------
-    memory : whether dumps of contacts are used: those named by `contacts`, or those in the folder
+    memory : whether dumps of contacts are used, either the dumps named by `contacts` or all in the folder
     options : those of `read_packing` for LAMMPS dumps. `contacts` may be a pattern such as contacts.*.dump. Without a
     law, that of the log or script in the folder is used, with its walls, loads and held grains
 

@@ -52,7 +52,7 @@ NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?|nan|[-+]?inf")
 
 
 def recognize(head: bytes) -> bool:
-    """Return True for a table whose first line names positions and radii, or with columns of grains without names."""
+    """Return True for a table whose first line names positions and radii, or whose unnamed columns describe grains."""
     text = head_text(head)[:4000]
     lines = _content_lines(text)
     if not lines:
