@@ -44,7 +44,7 @@ class Wing(NamedTuple):
     commands: str = ""  # module that adds commands to `stickslip` when it is imported
     selfchecks: str = ""  # "module.function": () -> {name: Selfcheck}
     fault: str = ""  # "module.function": () -> reason why a required external program does not work, or ""
-    needs: tuple[str, ...] = ()  # names of the wings that it imports, directly or through others
+    needs: tuple[str, ...] = ()  # names of the wings that it imports, directly or indirectly
     formats: tuple[FileFormat, ...] = ()
     pages: tuple[str, ...] = ()  # NAME.md in the wing's documentation, or a page of the laboratory's
 

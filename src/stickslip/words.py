@@ -1,6 +1,6 @@
 """Words of users and of other programs, and the names used here.
 
-A word that is neither a public name nor in this table is looked up by spelling among all public names, and then by its
+A word that is neither a public name nor in this table is looked up by its spelling among all public names, then by its
 parts in the overviews of namespaces.
 """
 

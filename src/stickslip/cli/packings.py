@@ -198,7 +198,7 @@ def stability(
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
 
-    For cemented grains, also decisive bonds, and the first ones to break under growing strains, by linear response.
+    For cemented grains, it also finds decisive bonds, and the first to break under growing strains, by linear response.
 
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. A search in more
     than 15,000 spheres takes minutes. It is saved in this folder, to the name of FILE with -search.npz, and the same

@@ -42,7 +42,7 @@ class Reproduction(NamedTuple):
 
 
 class Paper(NamedTuple):
-    """Reproduction of a published experiment; `reproduce` returns a `Reproduction`, or more with its attributes."""
+    """Reproduction of a published experiment; `reproduce` returns a `Reproduction` or an object with its attributes."""
 
     title: str  # title of the claims table
     cuts: str  # parts that a quick run omits
@@ -178,7 +178,7 @@ _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None):
 
 
 def papers() -> dict[str, Experiment]:
-    """Return the experiments that reproduce a paper, with that paper, keyed by the name for `stickslip reproduce`."""
+    """Return the experiments that reproduce a paper, each with its paper, by the name for `stickslip reproduce`."""
     return {
         paper.name or name: experiment._replace(paper=paper)
         for name, experiment in EXPERIMENTS.items()
@@ -192,7 +192,7 @@ _EVERY_RUN = re.compile("|".join([FIGURES, *map(re.escape, NAMES)]))
 
 @cache
 def _written_by(experiment: str) -> re.Pattern[str]:
-    """Names of the files that runs of an experiment write, besides those of every run."""
+    """Names of the files that runs of an experiment write, besides the files of every run."""
     return re.compile("|".join(EXPERIMENTS[experiment].writes))
 
 

@@ -55,8 +55,8 @@ _Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
 _Failure = Annotated[Any, Result("Failure", ("steps", "events", "onset", "forecasts", "sign"))]
 _Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
 LOOK = {"elastic": (SKY, "-", 4.0), "dipole": (GREEN, "-", 2.0), "odd": (RED, ":", 1.4)}  # visible where they coincide
-MARKED = 80  # number of points up to which each has a marker
-ROOM = 1.5  # length of an axis over that of its curves up to which a mark beyond them is drawn
+MARKED = 80  # largest number of points that are drawn with markers
+ROOM = 1.5  # largest length of an axis, over that of its curves, to show a mark beyond them
 
 
 @styled

@@ -388,7 +388,7 @@ def _contact_lines(axes, frame: Frame, layout: Layout, place: np.ndarray, basis:
 def _split_at_edges(frame: Frame, place: np.ndarray, i: np.ndarray, j: np.ndarray, branch: np.ndarray):
     """Rows, bodies, starts and ends of lines between bodies; each line ends at the grain that is drawn.
 
-    A line across a periodic edge becomes two, from each of its grains to their contact; neither has a second body.
+    A line across a periodic edge becomes two lines, from each grain to the contact; neither has a second body.
     """
     radius = frame.state.grains.radius
     n, rows, start, ends = len(radius), np.arange(len(i)), place[i], place[i] - branch

@@ -55,7 +55,7 @@ Zoom = Annotated[Any, Requirement(check_zoom)]  # enlargement of the view on gra
 
 
 def body_limits(place: np.ndarray, gap: float, share: float = ASIDE) -> np.ndarray:
-    """(2, d) corners of positions (N, d), without grains far from the others, which would shrink the picture.
+    """(2, d) corners of positions (N, d). Grains far from the others would shrink the picture, so they are left out.
 
     The grains left out are at most a fraction at each side, beyond a gap or far beyond the middle half.
     """

@@ -284,7 +284,7 @@ MEANING = {
     UNDECIDED: "the error is too large or unknown; not measured; possible, but not observed",
     NO_REFERENCE: "the paper prints nothing to compare with",
 }
-WIDE = 120  # number of columns from which each line includes the content of the figure
+WIDE = 120  # smallest number of columns at which each line includes the content of the figure
 
 
 def write_claims(

@@ -87,7 +87,7 @@ def packing_content(
     settle : if True, the packing is settled first
     dashpots : if False, dashpots of the law are left out
     zoom : zoom of the figure
-    search : if False and no file of modes is given, neither verdict nor modes are computed; None: False if that takes
+    search : if False and no file of modes is given, neither verdict nor modes are computed; None: False if they take
         minutes
     """
     (state, law, notes), warnings = capture_warnings(read_packing, file, **options)

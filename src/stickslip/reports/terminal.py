@@ -43,7 +43,7 @@ console = _Console(soft_wrap=False, markup=False, highlight=False, width=_width(
 
 NARROW = 60  # width below which the cells of tables would be broken
 READABLE = 100  # largest width of a text
-WIDE = 110  # width from which a stage and its text share a line
+WIDE = 110  # smallest width at which a stage and its text share a line
 STEADY = 5.0  # time after which the remaining time of a stage may be estimated [s]
 LINES = 30.0  # time between lines without a terminal [s]
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}

@@ -81,7 +81,7 @@ class Values(ScenarioTable):
 
     @property
     def kinds(self) -> list[str]:
-        """Those of KINDS that are present: one, in a valid table."""
+        """Kinds of KINDS that are present: one, in a valid table."""
         return [kind for kind in KINDS if getattr(self, kind) is not None]
 
     @model_validator(mode="after")
