@@ -28,7 +28,7 @@ class BuiltinLaw(NamedTuple):
     sources: tuple[str, ...]  # keys of references.bib
     uses_radius: bool = False  # stiffnesses contain √R_eff, so k_n and k_t follow from elastic constants
     rescales: bool = False  # slip shrinks as the overlap decreases
-    parameters: tuple[Parameter, ...] = ()  # those that not every law has; for laws in `_core/normal_laws.cpp`
+    parameters: tuple[Parameter, ...] = ()  # parameters that not every law has; for laws in `_core/normal_laws.cpp`
     memory: tuple[str, ...] = ()  # additional memory of a contact, zero when the contact closes
     bonds: bool = False  # once grains have touched, the law acts across gaps up to a range
 

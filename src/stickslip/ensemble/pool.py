@@ -244,7 +244,7 @@ def _unpack_result(packed: bytes | None, failure: str | None) -> Member:
 
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
 PATIENCE = 10.0  # timeout for the scheduler's first answer [s]
-PAUSE = 1.0  # shortest time between two messages of one task, because a scheduler receives those of many tasks [s]
+PAUSE = 1.0  # shortest time between two messages of one task; a scheduler receives messages of many tasks [s]
 POLL = 2.0  # time between two queries of the cluster [s]
 AHEAD = 256  # smallest number of tasks kept waiting on the scheduler for a free worker
 

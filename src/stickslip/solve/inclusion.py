@@ -39,7 +39,7 @@ class Rings(NamedTuple):
     """Mean displacements in rings around a centre (shells in three dimensions)."""
 
     radius: np.ndarray  # (Q,) [length]
-    spread: np.ndarray  # (Q,) standard deviation of the distances in each [length]
+    spread: np.ndarray  # (Q,) standard deviation of the distances in each ring [length]
     mean: np.ndarray  # (k, Q) radial and, in the plane (k = 2), tangential displacement [length]
     error: np.ndarray  # (k, Q) standard errors: scatter in the ring, enlarged because neighbours move together [length]
     covariance: np.ndarray  # (kQ, kQ) covariance of `mean.ravel()`, from the scatter between parts [length²]

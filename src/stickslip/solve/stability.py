@@ -50,7 +50,7 @@ DAMPED_UP_TO = 1_250  # coordinates with dashpots, solved within seconds; the fi
 DAMPED_AT_MOST = 4_000  # coordinates with dashpots, solved within minutes
 NEAR_SHIFT = 4  # number of exponents with dashpots computed near each undamped one
 NEAR_ZERO = 18  # exponents computed near zero, six of which belong to translations
-TOLERANCE = 1e-10  # relative, of the inverse distance from the shift
+TOLERANCE = 1e-10  # relative tolerance of the inverse distance from the shift
 STARTS = 8  # undamped pairs near which exponents are searched for, the fastest first
 MOST_PAIRS = 8  # growing modes in a table
 

@@ -100,10 +100,10 @@ def allowed_wavevectors(state: State, count: Annotated[int, POSITIVE] = 12) -> n
     cell = state.cell.vectors[:dim, :dim]
     base = 2 * np.pi * np.linalg.inv(cell)
     sizes, side = np.linalg.norm(base, axis=0), np.ceil(((2 * count + 1) ** (1 / dim) - 1) / 2)
-    far = min(count * sizes.min(), side * sizes.sum())  # there are none beyond
+    far = min(count * sizes.min(), side * sizes.sum())  # no wanted vector is longer
     most = np.floor(far * np.linalg.norm(cell, axis=1) / (2 * np.pi) + ALLOWED)
     whole = np.stack(np.meshgrid(*[np.arange(-m, m + 1) for m in most], indexing="ij"), axis=-1).reshape(-1, dim)
-    whole = whole[len(whole) // 2 + 1 :]  # those before the middle are their negatives
+    whole = whole[len(whole) // 2 + 1 :]  # vectors before the middle are the negatives of these
     k = whole @ base.T
     return k[np.argsort(np.round(np.linalg.norm(k, axis=1), 9), kind="stable")[:count]]
 

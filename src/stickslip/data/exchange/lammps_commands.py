@@ -240,7 +240,7 @@ class Run(NamedTuple):
     unknown: list[str]  # commands with an outcome, or with variables, that cannot be known here
     acts: dict[
         str, str
-    ]  # sentences on unread commands that (may) exert or change forces; later ones replace those with the same key
+    ]  # sentences on unread commands that may exert or change forces; a later one replaces one with the same key
     places: dict[str, str]  # file and line of each fix, by id, and of the pair style
     met: dict[str, set[str]]  # first words of commands, by their group
     labels: dict[str, int]  # types of atoms by their labels
@@ -444,7 +444,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     key, rest = tokens[0], tokens[1:]
     if key == VERSION:  # another run, appended to the log
         return _empty(run.source, int(rest[-1]))
-    if key == LATTICE:  # the spacing with eight digits
+    if key == LATTICE:  # the log gives the spacing with eight digits
         run.settings[LATTICE] = run.settings.get(LATTICE) or rest
         return run
     if key == BONDS:
