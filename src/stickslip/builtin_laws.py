@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Parameter(NamedTuple):
-    """Parameter of some laws; not negative."""
+    """Parameter that only some laws have; never negative."""
 
     name: str
     unit: str
@@ -23,14 +23,14 @@ class BuiltinLaw(NamedTuple):
     """Properties of a built-in contact law."""
 
     name: str
-    words: str  # for the command line
+    words: str  # description for the command line
     exponent: float  # exponent of the overlap in the elastic normal force
     sources: tuple[str, ...]  # keys of references.bib
     uses_radius: bool = False  # stiffnesses contain √R_eff, so k_n and k_t follow from elastic constants
     rescales: bool = False  # slip shrinks as the overlap decreases
-    parameters: tuple[Parameter, ...] = ()  # in addition to those of every law; for laws in `_core/normal_laws.cpp`
-    memory: tuple[str, ...] = ()  # additional memory of a contact, zero when it closes
-    bonds: bool = False  # acts across gaps up to a range once grains have touched
+    parameters: tuple[Parameter, ...] = ()  # parameters that not every law has; for laws in `_core/normal_laws.cpp`
+    memory: tuple[str, ...] = ()  # additional memory of a contact, zero when the contact closes
+    bonds: bool = False  # once grains have touched, the law acts across gaps up to a range
 
     @property
     def damping(self) -> str:

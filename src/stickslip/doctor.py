@@ -1,7 +1,7 @@
 """Check of an installation: versions and optional parts, and a self-check against stored numbers.
 
 The self-check compares a few numbers from every subpackage with `doctor.json`. `python -m stickslip.doctor` updates the
-stored numbers; do this only if they are meant to change. All cases share one contact law and one dimension.
+stored numbers; do this only if they are meant to change. All cases share one contact law and one number of dimensions.
 """
 
 import hashlib
@@ -42,7 +42,7 @@ from .solve.spectrum import spectrum
 from .wing import Selfcheck, wings
 
 CORE = ("numpy", "scipy", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
-DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # if it differs from the import name
+DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # names that differ from import names
 MPI = "`pip install mpich` installs the library"
 STORED = Path(__file__).with_suffix(".json")
 PUSHES = (0.5e-5, 1.0e-5, 1.5e-5)
@@ -85,7 +85,7 @@ def threads() -> dict[str, str]:
 
 
 def compiled_core() -> dict[str, str]:
-    """Level of the compiled core that this processor uses, the levels that are built, and their compiler."""
+    """Level of the compiled core that this processor uses, the levels that were built, and their compiler."""
     level = build.best_level()
     stamp = build.stamp(build.library(level))
     built = [name for name in build.LEVELS if build.library_path(name).exists()]
@@ -125,7 +125,7 @@ def _check_extra(name: str, purpose: str, works=None) -> OptionalPart:
 
 
 def _check_pardiso() -> str:
-    """Load PARDISO and solve a small system, because an installed library may not work; return its defect, or ""."""
+    """Load PARDISO and solve a small system, because an installed library may not work; return its fault, or ""."""
     try:
         got = factorised(sparse.csc_array(np.diag([2.0, 4.0])), method="pardiso")(np.array([2.0, 4.0]))
     except Exception as problem:  # a library without its MKL may raise anything
@@ -194,7 +194,7 @@ class SelfcheckResult(NamedTuple):
 
 
 def measure_forces(law: Law) -> dict[str, float]:
-    """Contact forces of displaced disks: they involve no solver and no time step, so only round-off can differ."""
+    """Contact forces of displaced disks; without a solver or a time step, they can differ by round-off only."""
     state = disk_array(10, press=5e-5)
     _, trial = forces(state, law)
     state = accept(state, trial)
@@ -238,7 +238,7 @@ def measure_array(law: Law) -> dict[str, float | str]:
 
 
 def measure(report: Report = silent, *, with_wings: bool = True) -> dict[str, float | str | Selfcheck]:
-    """All numbers by name, those of wings with the right values; errors are listed under `PROBLEM`."""
+    """Measured numbers by name, those of wings with the right values; errors are stored under the key `PROBLEM`."""
     law = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1)
     numbers: dict[str, float | str | Selfcheck] = {}
     groups: dict[str, Callable[[], dict]] = {
@@ -266,10 +266,10 @@ TOLERANCES = {
 
 
 def compare(measured: dict, stored: dict) -> list[Check]:
-    """Compare every stored number, and those of wings, with the measured one.
+    """Compare measured numbers with the stored ones, or with the right values that wings give.
 
     Bits are also compared, but they are only guaranteed on the same type of machine and may differ on another
-    processor or with another build of the core: differing bits are reported but do not count as a failure.
+    processor or with another build of the core. Bits that differ are reported but do not count as a failure.
     """
     rows = []
     for name, right in stored["numbers"].items():
@@ -316,7 +316,7 @@ def _require_success(end: State, outcome: Outcome) -> State:
 def examine(*, as_json: bool = False) -> tuple[bool, str]:
     """Examine this installation and show the results.
 
-    Return True if all numbers are right, with the JSON or the verdict.
+    Return whether all numbers are right, and the JSON text or the verdict.
     """
     tables = versions(), threads(), compiled_core(), parts()
     if not as_json:

@@ -40,7 +40,7 @@ EXTRAS = {
 }
 
 
-# licences of installed libraries other than BSD, MIT or similar
+# licences of the libraries, except for BSD, MIT and similar ones
 LICENCES = {
     "fast": "it installs Intel's MKL under Intel's licence",
     "exchange": "ASE is LGPL",
@@ -50,7 +50,7 @@ LICENCES = {
 
 
 def cache_folder() -> Path:
-    """Cache folder of the user; a temporary folder for this process and its children if it is not writable."""
+    """User's cache folder or, if this is not writable, a temporary folder for this process and its children."""
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stickslip"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -105,7 +105,7 @@ def is_installed(module: str) -> bool:
     """Return True if a library is installed, without importing it."""
     try:
         return find_spec(module.partition(".")[0]) is not None
-    except ValueError:  # it is in sys.modules without a specification
+    except ValueError:  # the module is in sys.modules without a specification
         return False
 
 

@@ -10,9 +10,9 @@ posterior       draws from the posterior distribution of a fit
 LabRecord, read_record, record_columns, write_csv, record_data     laboratory records
 steady_mean, steady_start, hold_response, healing   quantities measured from a record
 Fault, line_fault, simulate_fault, Recording    earthquake cycles on a straight fault
-FaultState, initial_state, perturbed_state, fault_dataset   its state; its history as an xarray dataset
+FaultState, initial_state, perturbed_state, fault_dataset   state of a fault; its history as an xarray dataset
 moment_magnitude        M_w from a seismic moment
-Injection, Oscillation, StressTable, read_stress_table  changes of its normal stress in time
+Injection, Oscillation, StressTable, read_stress_table  changes of the normal stress on a fault in time
 nucleation, nucleation_half_length, cohesive_length, critical_wavelength    lengths that determine stability
 """
 

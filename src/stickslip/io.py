@@ -2,7 +2,7 @@
 
 Packings
     read_packing, read_packings     one state, or all states, from .npz, archive, GSD, LAMMPS data or dump
-    packing_units, units_in_use     units named in a file, and a `with` statement that prints numbers in them
+    packing_units, units_in_use     units named in a file, and a context manager that prints numbers in such units
     read_forces, measured_forces    measured disks and their contact forces, from files or arrays
     follow_packings     states of a running LAMMPS simulation, as its dumps become complete
     write_packing       .npz, GSD, VTK, extended XYZ, LAMMPS data

@@ -1,12 +1,12 @@
-"""Building blocks of wings: everything that an experiment needs besides the public names of the laboratory.
+"""Building blocks for wings: everything that an experiment needs besides the public names of the laboratory.
 
 Wings and their experiments
 
-    Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a format of packings
+    Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a file format
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
     Comparison, SweepMember     comparison of the members of a sweep, and one member
-    lazy_function, lazy_functions, result_of        functions that are imported late; decorator of the class of results
+    lazy_function, lazy_functions, result_of        functions that are imported late; decorator of classes of results
     Quantity, Quantities, quantities_of, Measures, Estimate, estimate, median      tables of quantities
     attach                      public names from a stub, imported on first use
     require, install_command, MissingExtraError     optional libraries
@@ -25,7 +25,7 @@ Arguments of functions
 
     checked, check_types, knows_bonds, Requirement      validation of arguments by their annotations
     Array, Bodies, Numbers, Result, Series, Values      annotations
-    FILLED, NOT_NEGATIVE, POSITIVE, one_of      requirements beside a type: Annotated[int, POSITIVE]
+    FILLED, NOT_NEGATIVE, POSITIVE, one_of      requirements in addition to a type: Annotated[int, POSITIVE]
     require_filled, require_index, require_not_negative, require_options, require_positive, require_shape   checks
 
 Runs
@@ -33,34 +33,34 @@ Runs
     Report, silent, within      progress
     Checkpoint, checkpoint_in, load_or_compute, abandon     saved parts of a run
     Workers, Member, Task, Realizations, run_realizations, reach, open_device       realisations in parallel
-    archive, archive_fields, ArchiveError, given_keys       archives, fields of a class in one, keys of a scenario
+    archive, archive_fields, ArchiveError, given_keys       archives, their fields, keys of a scenario
     run_files, LEGS, UNFINISHED         names of files and folders within a run folder
-    check_free, write_atomically, check_output, staged_file     files that are complete or absent
-    find_foreign, foreign_files_message, write_file     folders that have other files, files with checksums
+    check_free, write_atomically, check_output, staged_file     files written completely or not at all
+    find_foreign, foreign_files_message, write_file     folders with other programs' files; files with checksums
 
 States, engines and solvers
 
     Engine, Leg, Wave, Device, own_engine, take_sample, join_samples    programs that run states
     body_positions, driven_bodies, factors_at, cell_mass, body_numbers  bodies and cells with imposed motion
-    with_neighbor_list, resting, reset_reached, shifts, Committed       states, and pairs of their contact lists
+    with_neighbor_list, resting, reset_reached, shifts, Committed       states and their contact lists
     supports, least_supports, mean_normal_force, natural_scales, clear_round_off, volume    measures that solvers need
     linearise, Linearisation, blocks_of, incidence, spring_stiffness, stiffness_of      linearised contacts
-    bond_blocks, bond_limits, bond_motions, bond_rows, bond_vectors, cross_matrix, is_beam      and bonds
-    bond_crossings, broken_since, judge_loads, with_strength_of, with_weakest_broken        and their failure
-    linearised, force_imbalance, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
+    bond_blocks, bond_limits, bond_motions, bond_rows, bond_vectors, cross_matrix, is_beam      linearised bonds
+    bond_crossings, broken_since, judge_loads, with_strength_of, with_weakest_broken        failure of bonds
+    linearised, force_imbalance, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     spectra
     core                        compiled functions
     factorised, one_thread, suitable_threads        linear algebra
-    Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     small steps
+    Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     slow loading
     equilibrium, bisect_change, dominant_family, Change, Family, Growth, LeftPathError, solve_point     load paths
     PathLedger, packing_info, travel, KICK_LEGS, EVENT_RATIO    ledger along equilibria, packings, kicks, events
     FAILURES, UNBREAKABLE       loads that break bonds, and a strength that no load reaches
-    describe_law, to_dict, verdict, no_equilibrium_message      a law, numbers and words of `stability`
+    describe_law, to_dict, verdict, no_equilibrium_message      output of `stability`
 
 Contact laws
 
     BUILTIN_LAWS, BY_NAME, Kind         table of built-in laws, kind of others
     builtin                     columns of the table of a law, damping models, properties
-    resists_rolling, critical_coefficient, dashpot_coefficients, restitution_of     numbers of a law
+    resists_rolling, critical_coefficient, dashpot_coefficients, restitution_of     coefficients of a law
     evaluate, largest_stiffness, with_values        values, stiffness and parameters of a law
 
 LAMMPS files
@@ -71,7 +71,7 @@ LAMMPS files
 Numbers and text
 
     Fields, current_units, heading, in_readable_units, in_units, unit_name, units_of, with_unit, SI, YEAR      units
-    readable, pluralize, quoted, shortened      representation of results, and words
+    readable, pluralize, quoted, shortened      results and words in readable form
     parse_number, parse_integer, read_text, decode_text     text
     read_bytes, Budget, check_matlab    bytes of foreign files, within a bound
     laboratory_table            module that reads laboratory tables by the names and units of their columns
@@ -100,8 +100,8 @@ Figures
 Claims of a paper
 
     Claim, claim, statement     rows of the table of claims
-    median_error, standard_error, format_value, note_quick_run      errors, values and notes in it
-    ALWAYS, CAN                 statements about every case, and about one
+    median_error, standard_error, format_value, note_quick_run      errors, values and notes in this table
+    ALWAYS, CAN                 kinds of statements: true in every case, possible
 """
 
 from .lazy import attach

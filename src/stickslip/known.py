@@ -1,8 +1,8 @@
 """Commands, sections, columns and files of other programs: names that are used, and names without influence on forces.
 
-Readers look up each command in a log, section of a data file, column of a table or laboratory record, and file in a
-folder. Names missing from the table are unknown. Names with a reason count as unknown, too: they act on grains in a way
-that is not supported. Names are `fnmatch` patterns.
+Readers look up each command of a log, each section of a data file, each column of a table or laboratory record, and
+each file of a folder. Names missing from the table are unknown. Names with a reason also count as unknown: they act on
+grains in an unsupported way. Names are `fnmatch` patterns.
 """
 
 from fnmatch import fnmatchcase
@@ -22,7 +22,7 @@ class Row(NamedTuple):
     kind: str
     group: str
     names: str  # patterns, between blanks
-    why: str = ""  # its effect, if it acts on grains and is not supported
+    why: str = ""  # reason why the names count as unknown
 
 
 TABLE = (
@@ -40,7 +40,7 @@ TABLE = (
     Row("style beside the pair style", UNKNOWN, "*", BETWEEN),
     Row("bond style", USED, "bpm/spring bpm/rotational harmonic hybrid"),
     Row("bond style", HARMLESS, "none zero"),
-    Row("bond style", UNKNOWN, "*", "no equivalent bond exists here"),
+    Row("bond style", UNKNOWN, "*", "stickslip has no equivalent bond"),
     Row("pair style whose force is proportional to its first coefficient", HARMLESS, "lj/cut lj/cut/soft lj/cut/sphere "
         "lj/expand lj/expand/sphere lj/smooth lj/smooth/linear lj/gromacs lj/mdf lj96/cut mie/cut nm/cut soft gauss "
         "harmonic/cut morse ufm wf/cut yukawa"),
@@ -82,9 +82,10 @@ TABLE = (
         "localdensity reserved reserved? vorticity* strain* vel*mag* *mag *energy* "
         "ke pe nbr* numcontact* particleid* parent* bodyid angmom* angularmomentum* alpha? ori*"),
     Row("column of a table", UNKNOWN, "accel* a?", "the same acceleration of all grains may be gravity"),
-    Row("column of a table", UNKNOWN, "type* mat* material* species", "grains of several kinds may have several laws"),
+    Row("column of a table", UNKNOWN, "type* mat* material* species",
+        "grains of different kinds may have different contact laws"),
     Row("column of a table", UNKNOWN, "f? force* load* external* torque*",
-        "it may come from outside, beside the contacts"),
+        "it may be an external load, not due to contacts"),
     Row("column of a table", UNKNOWN, "box cell l periodic pbc", "grains may touch across a periodic box"),
     Row("column of a record", HARMLESS, "rec* record* row n no nr index sync samp_freq sampling* step *strain* "
         " nor_disp* norm*_disp* normal_disp* h thickness layer* gouge* *temp* *humid* *lvdt* lt_* rgt_* *_lt "
@@ -103,7 +104,7 @@ TABLE = (
 
 @lru_cache(4096)
 def find_row(kind: str, name: str) -> Row:
-    """Row of the table for a name; a row for unknown names if there is none."""
+    """Row of the table that contains a name, or a row for unknown names."""
     rows = (row for row in TABLE if row.kind == kind)
     return next(
         (row for row in rows if any(fnmatchcase(name, pattern) for pattern in row.names.split())),
@@ -117,7 +118,7 @@ def group_of(kind: str, name: str) -> str:
 
 
 def plain_style(style: str) -> str:
-    """Name of a LAMMPS style without the suffix of its accelerator: gran/hooke/history/omp is plain."""
+    """Name of a LAMMPS style without the suffix of its accelerator: gran/hooke/history for gran/hooke/history/omp."""
     end = next((f"/{end}" for end in sorted(ACCELERATED, key=len, reverse=True) if style.endswith(f"/{end}")), "")
     return style.removesuffix(end)
 

@@ -4,7 +4,7 @@ Built-in laws
     hertz_mindlin       F_n = k_n δ^(3/2), as in Charan et al. 2020 and Bonfanti et al. 2020
     hertz_mindlin_reff  F_n = k_n √(R_eff) δ^(3/2), as in Ferdowsi & Rubin 2021 and LAMMPS `gran/hertz/history`
     linear              F_n = k_n δ, as in McNamara & Herrmann 2006
-    jkr, dmt            adhesive spheres, with pull-off at a gap or at touch
+    jkr, dmt            adhesive spheres, pulled apart at a gap or at zero overlap
     liquid_bridge       wet spheres
     walton_braun        plastic contacts
     elastic_constants   k_n and k_t from Young's modulus and Poisson's ratio
@@ -25,7 +25,7 @@ Bonds, which act in addition to a contact law; `packings.bonded` makes them
 User-defined laws
     custom              a law from Python functions of scalars
     from_file           the same from a Python file
-    LawWarning          warning about an unusual property of such a law
+    LawWarning          warning about an unusual property of a user-defined law
 
 Dashpots
     with_restitution    choose γ_n for a coefficient of restitution at a given size and speed

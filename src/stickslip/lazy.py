@@ -19,8 +19,8 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
     Parameters
     ----------
     package, file : its `__name__` and `__file__`
-    more : function that returns modules by other public names, which can also be imported by them; `__all__` is then
-        left to `__getattr__`
+    more : function that returns further public names, each with the path of the module that can be imported by it;
+        `__all__` is then left to `__getattr__`
     """
     if more is not dict:
         sys.meta_path.insert(0, _ByPublicName(package, more))
@@ -53,7 +53,7 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
 
 
 class _ByPublicName(MetaPathFinder, Loader):
-    """Finder that imports `package.name` as the module elsewhere that has this public name."""
+    """Finder that imports `package.name` from the place of the module with this public name."""
 
     def __init__(self, package: str, more: Callable[[], Mapping[str, str]]):
         self.package, self.more = package, more
@@ -68,7 +68,7 @@ class _ByPublicName(MetaPathFinder, Loader):
 
     def create_module(self, spec):
         module = import_module(spec.origin)
-        spec.loader_state = module.__spec__  # the import system replaces it while it creates a module
+        spec.loader_state = module.__spec__  # the import system replaces `__spec__`
         return module
 
     def exec_module(self, module) -> None:
@@ -78,8 +78,8 @@ class _ByPublicName(MetaPathFinder, Loader):
 def lazy_function(package: str, path: str) -> Callable:
     """Return a function that imports `path` ("module.function") from a package when first called.
 
-    Its attribute `resolve` returns the function itself. For another value, such as a table, `resolve` is the function
-    that returns it.
+    Its attribute `resolve` is a function that imports and returns the object itself. If this is a table or another
+    value that cannot be called, the lazy function returns it, too.
     """
     module, _, name = path.partition(".")
 
@@ -112,7 +112,7 @@ def missing_attribute(package: str, name: str) -> str:
     from .words import absent, suggestions
 
     if why := absent(name):
-        return f"{package} has no attribute {name!r}: {why}; `stickslip docs comparison` names codes that have more"
+        return f"{package} has no attribute {name!r}: {why}; `stickslip docs comparison` lists codes that have more"
     found = {one: one if one.startswith("`") else f"{root}.{one}" for one in suggestions(name)}
     own = [place for place in found.values() if place.rpartition(".")[0] == package]
     near = own or list(found.values())

@@ -1,12 +1,12 @@
 """Quantities of a state.
 
-Contacts are those at the positions of the state. A state that has moved since its contacts were committed, for example
-by `packings.strained`, is rejected: evaluate and commit it first, `accept(state, forces(state, law)[1])`.
+Measures use the contacts at the positions of the state. They reject a state whose grains have moved since its contacts
+were committed, for example by `packings.strained`: first commit them with `accept(state, forces(state, law)[1])`.
 
 Contacts
     contact_forces      elastic force on body i of every pair
     contact_numbers     contacts of each grain
-    coordination        mean number of contacts without rattlers
+    coordination        mean number of contacts of a grain, without rattlers
     rattlers            grains without support
     touching            rows of the contact list whose bodies touch, or act on each other across a gap
     bond_shares         load of each bond over its strength
@@ -27,7 +27,7 @@ Force network of a state, or a measured one
     force_network       contacts that touch and their forces
     force_chains        chains of grains that carry more than the mean force
     strong_network      contacts above the mean force, and their largest cluster
-    force_anisotropy    anisotropies of contacts, normal and tangential forces
+    force_anisotropy    anisotropies of contacts, normal forces and tangential forces
 
 Equilibrium
     unbalanced_forces   generalised force on every body

@@ -7,8 +7,8 @@ Complex pairs
     match_pairs         pairs matched from one spectrum to the next
     contact_sensitivity  effect of each contact on a pair
     eigenvalue_gradient  derivatives of the decisive eigenvalue with respect to forces, radii, parameters, positions
-    modulus_gradient    the same of a modulus
-    residual_gradient   the same of the norm of the unbalanced forces
+    modulus_gradient    the same derivatives of a modulus
+    residual_gradient   the same derivatives of the norm of the unbalanced forces
     verdict_probability  probability of the verdict given errors of positions
     birth_form          course of the instability: bursts, runaway, or a lost contact
 
@@ -27,7 +27,7 @@ Density of states and response
 Response to forces, motions and noise
     frequency_response  transfer function from drives to observables, with drag and dashpots
     complex_moduli      storage and loss moduli in a cell whose strain oscillates
-    plane_wave          drives: forces of a wave
+    plane_wave          forces of a wave, as drives
     contact_slip, stress_change  observables
     inflate             displacements around an inflated grain: elasticity or screening
     stationary_fluctuations  covariances under noise, and distance from instability
@@ -38,7 +38,7 @@ Waves
     wave_spectrum       modes projected on plane waves: dynamical structure factor, complex pairs
     allowed_wavevectors  wave vectors of a periodic cell
     elastic_speeds      speeds of long waves from the moduli
-    moduli_bounds       elastic moduli between the bounds of Voigt and Reuss
+    moduli_bounds       elastic moduli, with the bounds of Voigt and Reuss
 
 Matrices
     equations_of_motion  J, C, M and the unbalanced force; io.write_matrices writes them

@@ -14,7 +14,7 @@ Generate
 Modify
     strained, sheared   affine deformation of cell and grains; simple shear
     reduced_cell        the same packing in its least skewed cell
-    with_push           different force on one disk of an array
+    with_push           disk array with a different force on one disk
     perturbed           random velocities
     bonded              bonds between nearby grains, or between chosen ones
     without_walls       some walls removed

@@ -3,14 +3,14 @@
 linear_system       matrices of a state: contact matrix, stiffness, loads
 stiffness_matrix, damping_matrix, quadratic_form    matrices and energy derived from them
 contact_status      status of all contacts under a load rate
-complementarity, status_map, consistent_statuses, statuses_at_apex  the underlying problem, and slower ways to solve it
+complementarity, status_map, consistent_statuses, statuses_at_apex  complementarity problem; slower ways to solve it
 certificate         uniqueness of the status
 probe_statuses      contact status and strain under small stresses of a periodic cell
 mechanisms          unresisted motions
 rigid_clusters      clusters that move as rigid bodies in all motions that contacts do not resist
 load_path, with_load    piecewise-linear path from event to event, and through collapses
 with_machine, with_travel    load by a spring whose load point moves
-slow_dynamics       the same path by slow dynamics
+slow_dynamics       the same path by dynamics under slowly changing loads
 """
 
 from .lazy import attach

@@ -36,7 +36,7 @@ class FileFormat(NamedTuple):
 
 
 class Wing(NamedTuple):
-    """Head of a wing: names of its additions. Modules are named relative to its package."""
+    """Head of a wing: the names of all that it adds. Modules are named relative to its package."""
 
     package: str  # `__package__` of the module of the head
     words: str  # one line
@@ -44,9 +44,9 @@ class Wing(NamedTuple):
     commands: str = ""  # module that adds commands to `stickslip` when it is imported
     selfchecks: str = ""  # "module.function": () -> {name: Selfcheck}
     fault: str = ""  # "module.function": () -> reason why a required external program does not work, or ""
-    needs: tuple[str, ...] = ()  # names of the wings that it imports, directly or through others
+    needs: tuple[str, ...] = ()  # names of the wings that it imports, directly or indirectly
     formats: tuple[FileFormat, ...] = ()
-    pages: tuple[str, ...] = ()  # of documentation: NAME.md in its folder, or a page of the laboratory's documentation
+    pages: tuple[str, ...] = ()  # NAME.md in the wing's documentation, or a page of the laboratory's
 
     def module(self, name: str = ""):
         """Import a module of the wing, or its package."""
@@ -77,7 +77,7 @@ def installed() -> dict[str, Wing]:
 
 
 def experiment_packages() -> dict[str, str]:
-    """Packages of the experiments of all wings, by their own names: `gouge` is `ss.experiments.gouge`."""
+    """Packages of the experiments of all wings, by package name: `gouge` is `ss.experiments.gouge`."""
     return {name: f"{wing.package}.{name}" for wing in wings().values() for name in wing.experiments.values()}
 
 
@@ -105,12 +105,12 @@ def add_commands() -> None:
 
 def missing_wing(user: str, name: str) -> MissingWingError:
     """Error for a feature that needs a missing wing."""
-    remedy = "install stickslip again, or the package that has this wing"
+    remedy = "install stickslip again, or the package that contains this wing"
     return MissingWingError(f"{user} needs the wing {name}, which is not installed: {remedy}")
 
 
 def without_wing(user: str, problem: ModuleNotFoundError) -> ImportError:
-    """Error for an import that failed: a sentence if a wing of this package is missing, otherwise the error itself."""
+    """Error for a failed import: a sentence if a wing of this package is missing, otherwise the original error."""
     package, _, name = (problem.name or "").rpartition(".")
     return missing_wing(user, name) if package == f"{__package__}.wings" else problem
 

@@ -1,6 +1,6 @@
 """Words of users and of other programs, and the names used here.
 
-A word that is neither a public name nor in this table is looked up by spelling among all public names, and then by its
+A word that is neither a public name nor in this table is looked up by its spelling among all public names, then by its
 parts in the overviews of namespaces.
 """
 
@@ -233,19 +233,19 @@ def suggestions(word: str, limit: int = 3) -> list[str]:
 
 
 def options_like(word: str, options: list[str]) -> list[str]:
-    """Options of a command, without dashes, that somebody may mean by another one; the likeliest first."""
+    """Options of a command, without dashes, that a user may mean by an unknown one, best match first."""
     plain = word.lower().strip("-").replace("-", "_")
     found = [one for one in options if plain in OPTIONS.get(one, "").split()]
     return found or [one for one in difflib.get_close_matches(plain, options, n=2, cutoff=0.75) if one[0] == plain[0]]
 
 
 def absent(word: str) -> str:
-    """Reason why the package has nothing for a word; empty if there is none."""
+    """Reason why the package does not cover the subject of a word; empty for other words."""
     return next((why for why, words in ABSENT.items() if word.lower() in words.split()), "")
 
 
 def public_names_by_space() -> dict[str, list[str]]:
-    """Public names of the package, "", of each namespace, and of those within experiments and figures."""
+    """Public names of the package, under "", of its namespaces, and of the modules that these contain, by path."""
     package = import_module(__package__)
     spaces = _modules(package)
     within = {f"{name}.{inner}": module for name, space in spaces.items() for inner, module in _modules(space).items()}
@@ -284,7 +284,7 @@ def _spelled_like(word: str, names: dict[str, list[str]]) -> list[str]:
 
 @cache
 def _overview() -> dict[str, str]:
-    """Each public name with a row in the overview of its namespace, and its row."""
+    """Public names with their rows in the overviews of the namespaces."""
     rows = {}
     for space in public_names_by_space():
         text = inspect.getdoc(import_module(f"{__package__}.{space}".rstrip("."))) or "" if "." not in space else ""

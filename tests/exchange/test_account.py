@@ -525,7 +525,7 @@ TABLE = "x,y,z,radius,vx,vy,vz,wx,wy,wz{heads}\n0,0,0,0.5,0,0,0,0,0,0{a}\n0.99,0
     [
         (",charge", ",1", ",-1", "column charge of t.csv is unknown: remove the column if it has no influence"),
         (",charge", ",0", ",0", ""),
-        (",force_x", ",1", ",-1", "it may come from outside, beside the contacts"),
+        (",force_x", ",1", ",-1", "it may be an external load, not due to contacts"),
         (",contact_force_x,coordination,stress_xx", ",1,1,1", ",1,1,1", ""),
         (",bond", ",1", ",2", "column bond of t.csv"),
         (",material", ",0", ",1", ""),

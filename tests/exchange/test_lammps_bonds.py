@@ -91,7 +91,7 @@ END = "dump grains"
         (
             STYLE,
             "bond_style fene",
-            "bonds of glued.data were not imported: fene: no equivalent bond exists here (log.l",
+            "bonds of glued.data were not imported: fene: stickslip has no equivalent bond (log.l",
         ),
         (STYLE, f"{STYLE} volume/factor yes", "its option volume/factor yes is not supported"),
         (STYLE, f"{STYLE} mystery 1", "its option mystery 1 is not supported"),

@@ -183,7 +183,7 @@ def test_a_subject_that_examples_mention_is_not_one_of_them():
 
 @pytest.mark.parametrize("word", ["clump", "crushing", "temperature", "lubrication", "stl"])
 def test_subjects_of_other_codes_are_said_to_be_absent(word):
-    with pytest.raises(AttributeError, match=r"has no attribute '\w+': .* names codes that have more"):
+    with pytest.raises(AttributeError, match=r"has no attribute '\w+': .* lists codes that have more"):
         getattr(stickslip, word)
 
 

@@ -3,9 +3,9 @@
     python src/stickslip/_core/build.py [--all | --level base] [--force] [--verbose]
     python src/stickslip/_core/build.py --sanitize address,undefined --out DIR
 
-The library for this machine is built unless others are requested, by the C++ compiler of the machine or else by that of
-the package `ziglang`. A small library, the probe, finds the level of a processor. Each library holds a stamp with the
-digest of its sources, and is built again only if the digest differs. This file needs the standard library alone,
+The library for this machine is built unless others are requested. The C++ compiler is the machine's own, or else that
+of the package `ziglang`. A small library, the probe, finds the level of a processor. Each library holds a stamp with
+the digest of its sources, and is built again only if the digest differs. This file needs the standard library alone,
 because it also runs before the package is installed.
 """
 
@@ -38,7 +38,7 @@ except ImportError:  # Windows
 HERE = Path(__file__).resolve().parent
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 MACHINE = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
-MACOS, GLIBC = "11.0", "2.28"  # the oldest systems that run the libraries, if the machine's own compiler agrees
+MACOS, GLIBC = "11.0", "2.28"  # oldest systems that run the libraries, if the compiler supports them
 ZIGLANG = "ziglang>=0.17"  # the package that holds a compiler
 NO_COMPILER = (
     "no C++ compiler works here: install GCC or Clang (Debian: apt install g++; macOS: xcode-select --install), "
@@ -60,7 +60,7 @@ FLAGS = [
 ]  # fmt: skip
 _SANITIZE = ["-O1", "-g", "-fno-omit-frame-pointer", "-fno-sanitize-recover=all"]
 _PROBE = '#include <math.h>\nextern "C" double probe(double x) { return exp(x); }\n'
-_MARK = "stickslip core "  # begins the stamp in a library
+_MARK = "stickslip core "  # beginning of the stamp in a library
 _STAMP = """\
 extern "C" __attribute__((visibility("default"))) const char core_stamp[];
 const char core_stamp[] = {};
@@ -118,7 +118,7 @@ def _ziglang() -> list[list[str]]:
 def find_compiler() -> Compiler | None:
     """Find the first C++ compiler that works: that of CXX, of the path, or of the package `ziglang`.
 
-    CXX=ziglang selects the last one. On Windows, those of the path are not tried.
+    CXX=ziglang selects the last one. On Windows, compilers of the path are not tried.
     """
     text = os.environ.get("CXX", "")
     try:
@@ -156,7 +156,7 @@ def _try_compiler(command: list[str]) -> Compiler | None:
 
 
 def _run(command: list) -> subprocess.CompletedProcess:
-    """Run a command; one that cannot be started has an exit status too."""
+    """Run a command; a command that cannot be started has an exit status too."""
     command = [*map(str, command)]
     try:
         return subprocess.run(command, capture_output=True, text=True, errors="replace")
@@ -189,8 +189,8 @@ def stamp(path: Path) -> dict[str, str]:
 
 
 def _is_truncated(content: bytes) -> bool:
-    """Return True if an ELF file ends before its table of sections, which is its end; loading it could be fatal."""
-    if not content.startswith(b"\x7fELF\x02\x01"):  # other than 64-bit and little-endian
+    """Return True if an ELF file ends before its table of sections, which comes last; loading it could crash Python."""
+    if not content.startswith(b"\x7fELF\x02\x01"):  # not 64-bit and little-endian
         return False
     start, size, number = struct.unpack("<40x Q 10x HH", content[:62])
     return start + size * number > len(content)
@@ -249,9 +249,9 @@ def build(
 
     Parameters
     ----------
-    folder : sources
-    out : where libraries and objects go; the folder of the sources if not given
-    levels : to build; if none is given, the highest one that this processor runs
+    folder : folder of the sources
+    out : folder for libraries and objects; by default, that of the sources
+    levels : levels to build; by default, the highest one that this processor runs
     sanitize : sanitizers of the compiler, separated by commas
     force : build even if the libraries are up to date
     verbose : print commands, and the complete messages of the compiler

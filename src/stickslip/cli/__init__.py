@@ -5,7 +5,7 @@ from ..wing import add_commands
 # isort: off
 from . import running, packings  # in the order of stickslip --help
 
-add_commands()  # of wings
+add_commands()  # commands of wings
 from . import about  # noqa: E402
 
 # isort: on

@@ -34,7 +34,7 @@ METHODS = {
 }  # fmt: skip
 NO_VERDICT = 3  # exit code where there is no verdict
 Dashpots = Annotated[
-    bool, typer.Option("--dashpots/--no-dashpots", help="With the dashpots of the law, or leave them out.")
+    bool, typer.Option("--dashpots/--no-dashpots", help="Include the dashpots of the law, or leave them out.")
 ]
 REMEDY = (
     "give the missing data, or let the packing come to rest with --settle; the result then refers to the settled "
@@ -104,7 +104,7 @@ class PackingOptions(NamedTuple):
     contacts: Annotated[
         Path | None, typer.Option(help="LAMMPS `dump local` with contact forces, or a table of measured forces.")
     ] = None
-    columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None
+    columns: Annotated[str | None, typer.Option(help='Columns of --contacts: "i j dist … tx ty tz".')] = None
     boundary: Annotated[
         str | None, typer.Option(help="Boundaries as in LAMMPS, e.g. ppf, if not given in the file.")
     ] = None
@@ -198,7 +198,7 @@ def stability(
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
 
-    For cemented grains, also decisive bonds, and the first ones to break under growing strains, by linear response.
+    For cemented grains, it also finds decisive bonds, and the first to break under growing strains, by linear response.
 
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. A search in more
     than 15,000 spheres takes minutes. It is saved in this folder, to the name of FILE with -search.npz, and the same

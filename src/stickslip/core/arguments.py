@@ -35,7 +35,7 @@ class Array(NamedTuple):
     """Annotation of numbers that are converted with `np.asarray`."""
 
     ndim: tuple[int, ...] | None = None  # allowed numbers of dimensions; None: any
-    kinds: str = "buif"  # of types
+    kinds: str = "buif"  # allowed kinds of NumPy types
     empty: bool = True  # whether the array may be empty
     finite: bool = True  # whether all numbers must be finite
     shapes: tuple[tuple[int, ...], ...] = ()  # allowed shapes; empty: any
@@ -62,7 +62,7 @@ def require_filled(name: str, value) -> None:
 
 
 def require_positive(**values) -> None:
-    """Raise ValueError if a value is not positive and within the range of a state."""
+    """Raise ValueError unless a value is positive and within the range of numbers in a state."""
     for name, value in values.items():
         if not 1 / LARGEST <= value <= LARGEST:
             range_ = f", from {1 / LARGEST:g} to {LARGEST:g}: use other units" if 0 < value < np.inf else ""
@@ -107,9 +107,9 @@ Positive = Annotated[float, POSITIVE]
 NotNegative = Annotated[float, NOT_NEGATIVE]
 Seed = Annotated[int, Requirement(_require_seed)]
 Numbers = Annotated[Any, Array()]
-Several = Annotated[Any, Array((0, 1))]  # a number, or some in a row
-Values = Annotated[Any, Array((0, 1), empty=False)]  # a number, or at least one in a row
-Series = Annotated[Any, Array((1,), empty=False)]  # numbers in a row
+Several = Annotated[Any, Array((0, 1))]  # a number, or a one-dimensional array
+Values = Annotated[Any, Array((0, 1), empty=False)]  # a number, or a one-dimensional array that is not empty
+Series = Annotated[Any, Array((1,), empty=False)]  # a one-dimensional array that is not empty
 Bodies = Annotated[Any, Array((0, 1), kinds="bui")]  # numbers of bodies, or a mask
 
 
@@ -143,7 +143,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             _door.passed = True
             return function(*given, **kwargs)  # type: ignore[arg-type]
         except TypeError as problem:
-            if problem.__traceback__ is not None and problem.__traceback__.tb_next is None:  # it has not even started
+            if problem.__traceback__ is not None and problem.__traceback__.tb_next is None:  # it has not started
                 names = ", ".join(inspect.signature(function).parameters)
                 raise TypeError(f"{problem}: the arguments are {names}") from None
             raise
@@ -158,7 +158,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def knows_bonds(function: Callable[P, R]) -> Callable[P, R]:
-    """Mark a function as correct for states with bonds, which `checked`, applied afterwards, rejects otherwise."""
+    """Mark a function as correct for states with bonds; otherwise `checked`, applied afterwards, rejects them."""
     _KNOW_BONDS.add(function)
     return function
 
@@ -170,7 +170,7 @@ def _refuse_bonds(function, values) -> None:
 
 
 def check_value(name: str, value, annotation, *, given: bool = False) -> None:
-    """Check a value that is not an argument, such as one from a file, by an annotation; NaN is allowed by default."""
+    """Check a value other than an argument, such as one from a file, by an annotation; NaN is allowed by default."""
     check = _check_of(annotation, given)
     if check is not None:
         check(name, value)
@@ -216,7 +216,7 @@ def _check_sizes(name: str, got: tuple[int, ...], shape: tuple[str, ...], sizes:
 
 
 _KEYWORD = 10**6  # index of keyword-only parameters
-_MOST = 16  # values of *arguments that are checked
+_MOST = 16  # largest number of values of *arguments that are checked
 
 
 @cache
@@ -237,7 +237,7 @@ def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
 def _check_of(annotation, given: bool = True) -> Callable[[str, Any], Any] | None:
     """Function (name, value) that returns the checked value, or None if an annotation cannot be checked.
 
-    Computed numbers, not `given` by a user, may be NaN, and their arrays must not be lists.
+    Without `given`, values were computed: numbers may then be NaN, and arrays must not be lists.
     """
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
@@ -308,7 +308,7 @@ def _check_of_union(parts, given: bool):
                 return convert(name, value)
             except (TypeError, ValueError) as problem:
                 problems.append(problem)
-        for problem in problems:  # of the right type, but with an invalid entry
+        for problem in problems:  # the type is right, but an entry is invalid
             if isinstance(problem, ValueError):
                 raise problem
         raise TypeError(f"{name} must be {kinds}, got {_describe(value)}")
@@ -370,7 +370,7 @@ def _words(annotation) -> str:
 
 def _check_class(name: str, value, classes: tuple[Any, ...], given: bool = True):
     if isinstance(value, np.ndarray | np.generic) and not value.shape and value.dtype.kind in "biuf":
-        value = value.item()  # a double, also of a number of less precision
+        value = value.item()  # a double, even if the value has less precision
     if isinstance(value, classes) and not isinstance(value, Complex):
         if hasattr(value, "_fields") and not isinstance(value, type):
             if hasattr(value, "check_entries"):

@@ -70,8 +70,8 @@ def force_controlled(control: Control, bodies: Bodies, force: Numbers) -> Contro
     Parameters
     ----------
     bodies : numbers of walls, or of grains of a rigid group
-    force : (3,) or (2,) on each of them; nonzero components are controlled. This is a pressure times the area on which
-        it acts or, for a rigid group, the total force divided by the number of its members [force]
+    force : (3,) or (2,) on each of them; nonzero components are controlled. It is the pressure times the loaded area
+        or, for a rigid group, the total force divided by the number of its members [force]
 
     Examples
     --------
@@ -164,7 +164,7 @@ def time_dependent(
     Parameters
     ----------
     bodies : numbers of grains and walls, or "cell" for the cell's velocity gradient
-    times : (K,) increasing [time]; factors : (K,) dimensionless, interpolated linearly, else constant
+    times : (K,) increasing [time]; factors : (K,) dimensionless, linear between times, constant beyond
     axes : indices of x, y, z, and rotations about them; default: all
 
     Examples
@@ -212,10 +212,10 @@ def spring_loaded(
     Parameters
     ----------
     bodies : numbers of walls, of grains, or of grains of a rigid group
-    position : (n, 3) x₀ of each body, where a spring with d = 0 has no force [length]
+    position : (n, 3) x₀, positions of the bodies at which a spring with d = 0 exerts no force [length]
     stiffness : k of the single spring that pulls all bodies, divided equally among them [force/length]
     axis : 0, 1, 2 for x, y, z
-    times : (K,) increasing [time]; displacement : (K,) d, interpolated linearly, else constant [length]
+    times : (K,) increasing [time]; displacement : (K,) d, linear between times, constant beyond [length]
 
     Examples
     --------

@@ -18,10 +18,10 @@ import numpy as np
 
 @cache
 def _classes(module) -> dict[str, str]:
-    """Source of the classes at the top of a module: `inspect` parses the whole module for each of them."""
+    """Sources of the top-level classes of a module, read together, as `inspect` would parse the module for each."""
     try:
         text = inspect.getsource(module)
-    except (OSError, TypeError):  # an interpreter
+    except (OSError, TypeError):  # in an interpreter
         return {}
     lines = text.splitlines()
     tops = (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
@@ -61,9 +61,9 @@ def shapes_of(kind: type) -> dict[str, tuple[str, ...]]:
 _SHAPE = re.compile(r"\(((?:\w+, ?)+(?:\w+)?)\)")
 
 
-BODY_BITS, IMAGE_BITS = 21, 7  # of a body and of one component of an image in the key of a contact
-LARGEST = 1e150  # largest magnitude of any number in a state: squares are finite
-LONG = 10_000  # array size from which BLAS uses several threads
+BODY_BITS, IMAGE_BITS = 21, 7  # bits of a body and of each component of an image in the key of a contact
+LARGEST = 1e150  # largest magnitude of any number in a state, so that squares are finite
+LONG = 10_000  # smallest array size for which BLAS uses several threads
 COURSE_DTYPE = np.int16  # type of column numbers; small, because there are nine per body
 
 

@@ -1,8 +1,8 @@
 """Functions of the compiled core, called with NumPy arrays and tuples: `core.find_pairs(grid, x, …)`.
 
 The header `core.h` declares all functions, structs and constants and is read here. Arrays are checked against the
-declared types. A struct is filled from a tuple by the names of its members, of which `len_x` is the length of x and
-`width_x` the number of its columns.
+declared types. A struct is filled from the entries of a tuple that have the names of its members; a member `len_x` is
+the length of x, and `width_x` the number of its columns.
 """
 
 import ctypes
@@ -37,7 +37,7 @@ _COMMENT, _DECLARATION = re.compile(r"//.*"), re.compile(r"(?:const )?(?:struct 
 
 
 def _declarations(text: str, separator: str) -> list[tuple[str, bool, str]]:
-    """Type, whether it is a pointer, and name of every declaration."""
+    """Type and name of every declaration, and, between them, whether it is a pointer."""
     parts = (" ".join(part.split()) for part in text.split(separator))
     matches = (_DECLARATION.fullmatch(part) for part in parts if part and part != "void")
     return [(match[1], bool(match[2]), match[3]) for match in matches]
@@ -48,7 +48,7 @@ def _interface(array: np.ndarray) -> int:
 
 
 def _first_member(array: np.ndarray, size=object.__basicsize__, read=ctypes.c_int64.from_address) -> int:
-    """Address of the data, which is the first member of NumPy's C struct of an array (eight times faster)."""
+    """Address of the data, read from the first member of NumPy's C struct (eight times faster than its interface)."""
     return read(id(array) + size).value
 
 
@@ -115,7 +115,7 @@ class _Core:
         return name, self.converter(kind, name) if pointer else None
 
     def converter(self, kind: str, name: str) -> Callable:
-        """Function that returns the address of an array or struct; None is the null pointer, a number an address."""
+        """Function that returns the address of an array or struct; None gives the null pointer, a number itself."""
 
         def struct_address(value, alive: list):
             if value is None or isinstance(value, int):

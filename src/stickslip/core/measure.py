@@ -22,7 +22,7 @@ from .state import OPEN, State, grain_volumes, groups, volume
 HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain needs
 
 ROUND_OFF = (
-    1e-9  # fraction of the radius by which positions are uncertain, so that pairs closer to contact may touch or not
+    1e-9  # uncertainty of positions over the radius: it is undecided whether pairs closer to contact than this touch
 )
 
 
@@ -37,10 +37,10 @@ def require_committed(name: str, state: State) -> None:
     overlap, slack = radius[i] + radius[j] - np.linalg.norm(branch_vectors(state), axis=1), ROUND_OFF * radius[i]
     closed, opened = int((~known & (overlap > slack)).sum()), int((known & (overlap < -contacts.gap - slack)).sum())
     if closed or opened:
-        number = f"{closed} have closed" if closed else f"{opened} have opened"
+        number = f"{closed} closed" if closed else f"{opened} opened"
         raise ValueError(
-            f"{number} of {pluralize(count, 'listed pair')} since the contacts were committed: equilibrate, or "
-            "accept(state, trial) first"
+            f"contacts have changed since they were committed ({number}, of {pluralize(count, 'listed pair')}): "
+            "equilibrate, or accept(state, trial) first"
         )
 
 
@@ -65,7 +65,7 @@ def touching(state: Committed) -> np.ndarray:
 @checked
 @knows_bonds
 def branch_vectors(state: State) -> np.ndarray:
-    """Vectors r_i − r_j + cellᵀ·image of all pairs in the list, (C, 3); for a wall, from its surface to i [length]."""
+    """Vectors r_i − r_j + cellᵀ·image of all pairs in the list, (C, 3); at a wall, from its surface to i [length]."""
     contacts, grains, count, n = state.contacts, state.grains, int(state.contacts.count[0]), len(state.grains.radius)
     i, j = contacts.i[:count], contacts.j[:count]
     position = np.concatenate([grains.position, state.walls.point])
@@ -103,7 +103,7 @@ def contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tupl
 @checked
 @knows_bonds
 def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
-    """Elastic force on body i of every pair in the list, (C, 3), zero where open [force].
+    """Elastic force on body i of every pair in the list, (C, 3), zero for open pairs [force].
 
     `memory`: HELD for an accepted state; FREE for the forces of its trial memory, as in `contact_blocks`.
 
@@ -213,7 +213,7 @@ def inertial_number(shear_rate: float, pressure: Positive, *, diameter: Positive
 @checked
 @knows_bonds
 def packing_fraction(state: State) -> float:
-    """Volume of the grains (area of disks), overlaps counted twice, divided by that of the cell, det of its vectors."""
+    """Volume of the grains (area of disks), overlaps counted twice, over that of the cell, det of its vectors."""
     return float(grain_volumes(state).sum()) / volume(state)
 
 
@@ -232,7 +232,7 @@ def least_supports(law: Law, dim: int) -> int:
 
 
 def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
-    """First member of the rigid group of each body, (N + W,), and its supports other than contacts, (N + W,)."""
+    """First member of each body's rigid group, and number of the body's supports other than contacts, both (N + W,)."""
     control, dim = state.control, state.cell.dim
     free, load = control.free[:, :dim], control.force[:, :dim].copy()
     load[: len(state.grains.mass)] += np.outer(state.grains.mass, control.gravity[:dim])
@@ -250,8 +250,8 @@ def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
 def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
     """Rattlers, (N,) bool: grains with fewer than `least` supports, after recursive removal of rattlers.
 
-    Supports are contacts; a load, a spring or a fixed direction counts as one more: at rest, the single contact of a
-    grain under a load carries this load. Grains held in all directions are not rattlers. A rigid group is one body.
+    Each contact is a support, and so is a load, a spring or a fixed direction: at rest, the single contact of a grain
+    under a load carries this load. Grains held in all directions are not rattlers. A rigid group is one body.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
 def coordination(state: Committed, least: int = 2) -> float:
     """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none.
 
-    Contacts with rattlers are excluded, those with walls included. `least` is that of `rattlers`.
+    Contacts with rattlers are excluded, those with walls included. `least` is passed to `rattlers`.
     """
     n, rows = len(state.grains.radius), touching(state)
     held = np.append(~rattlers(state, least), np.ones(len(state.walls.mass), bool))
@@ -299,8 +299,8 @@ def elastic_energy(state: State, law: Law) -> float:
     """Energy stored in normal springs and in bonds [energy]; tangential forces of contacts have no potential.
 
     Normal springs store Σ ∫ F_n dδ up to the overlap, k δ²/2 per contact of a linear law and (2/5) k δ^{5/2} of a
-    Hertzian one. A bond stores ½ (k_n (|r| − r₀)² + k_s |u|² + k_b |β|² + k_ψ ψ²), see `core/contacts/bonds.py`; one
-    that fades stores the work that its loads do if they grow in proportion.
+    Hertzian one. A bond stores ½ (k_n (|r| − r₀)² + k_s |u|² + k_b |β|² + k_ψ ψ²), see `core/contacts/bonds.py`; a
+    fading bond stores the work that its loads do if all grow in proportion.
     """
     check_materials(state, law)
     struct, shift = law_struct(law, members=("energy", "range")), shifts(state.contacts, state.cell.vectors)

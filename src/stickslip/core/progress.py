@@ -1,6 +1,6 @@
 """Sizes of runs, checked against limits before anything is allocated; cores; progress of a run; outcome of a solver.
 
-Progress is reported through a callable. Short tasks at a low level, such as the compilation of a law, have none:
+Progress is reported through a callable. Short low-level tasks, such as the compilation of a law, have no such callable:
 `announced` shows them on the terminal.
 """
 
@@ -34,7 +34,7 @@ STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 
 class Size(NamedTuple):
     """Number of items of one kind in a run, or in the result of a function."""
 
-    what: str  # its origin, as the start of a sentence: "line.width and line.cell make"
+    what: str  # origin of the number, as the start of a sentence: "line.width and line.cell make"
     number: float
     kind: str  # a key of LIMITS
     remedy: str  # advice if there are too many
@@ -102,7 +102,7 @@ def _require_signature(name: str, value: Callable) -> None:
         return
 
 
-# called as report(name of the stage, its share that is done, text with the relevant quantities)
+# called as report(name of the stage, share of it that is done, text with the relevant quantities)
 Report = Annotated[Callable[[str, float, str], None], Requirement(_require_signature)]
 
 
@@ -206,7 +206,7 @@ class Outcome(NamedTuple):
 
     @property
     def broken(self) -> bool:
-        """True if the run became unstable, so its last state is meaningless."""
+        """True if the run became numerically unstable, so that its last state is meaningless."""
         return self.status in (Status.NOT_A_NUMBER, Status.BLOWN_UP)
 
     def __str__(self) -> str:

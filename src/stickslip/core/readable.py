@@ -11,7 +11,7 @@ import numpy as np
 from .units import meanings_of, units_of
 
 MAX_LINES, LINE_WIDTH, MAX_LENGTH = 6, 110, 60  # lines of a repr, characters per line, characters per value
-MOST_ROWS, LONGEST = 40, 400  # rows of a table, characters of a text in it
+MOST_ROWS, LONGEST = 40, 400  # rows of a table, characters of a text in a table
 
 
 def readable(kind=None, *, head=None, rows=None, picture=None):
@@ -22,7 +22,7 @@ def readable(kind=None, *, head=None, rows=None, picture=None):
     head : function of the value that returns one line, such as its counts. Default: its own `str`, else all fields
     rows : function of the value that returns rows of the table: (quantity, value), (quantity, value, unit) or
         (quantity, value, unit, meaning); those whose value is None or "" are left out. Default: all fields, with the
-        units and the words beside their definitions
+        units and meanings in the comments beside their definitions
     picture : function of the value that returns an SVG to be shown above the table
     """
     if kind is None:

@@ -1,8 +1,8 @@
 """Bounded reading of foreign files: declared sizes are compared with the size of the file before memory is allocated.
 
-`read_bytes` opens a file, a `Budget` counts the memory of its decompressed content, and a `Reader` returns bytes one
-after another, so that a length in a file can only move the position forwards, and within the file. MATLAB files up to
-version 7 are checked before SciPy reads them, because wrong lengths may crash SciPy.
+`read_bytes` opens a file, a `Budget` counts the memory of its decompressed content, and a `Reader` returns bytes in
+order, so that lengths stated in a file can only move the position forwards, within the file. MATLAB files up to version
+7 are checked before SciPy reads them, because wrong lengths may crash SciPy.
 
 Source: MathWorks, MAT-File Format, level 5: a header of 128 bytes, then elements, each with a type, a length and data.
 """
@@ -22,7 +22,7 @@ import numpy as np
 LARGEST_FILE = 2**33  # [bytes]
 LARGE, EXPANDS = 2**26, 100  # content allowed for any file [bytes], and largest multiple of the file size
 NPY = b"\x93NUMPY"
-_PIECE = 2**20  # read at a time [bytes]
+_PIECE = 2**20  # bytes read at a time
 
 
 def read_bytes(path: str | Path, *, remedy: str, size: int = -1) -> bytes:
@@ -56,7 +56,7 @@ def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = 
     Raises
     ------
     Exception
-        Any of NumPy, zipfile, zlib or this module, if the file is damaged or lacks one of the names.
+        Any exception of NumPy, zipfile, zlib or this module, if the file is damaged or lacks one of the names.
     """
     content = read_bytes(path, remedy=remedy)
     budget = Budget(path, len(content), remedy=remedy)
@@ -72,7 +72,7 @@ def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = 
 
 
 def _array_of(content: bytes) -> np.ndarray:
-    """Array of an .npy; ValueError before memory is allocated if it declares more numbers than it has."""
+    """Array of an .npy file; raises ValueError, before allocating memory, if it declares more numbers than it has."""
     file = BytesIO(content)
     first, _ = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if first == 1 else np.lib.format.read_array_header_2_0
@@ -84,7 +84,7 @@ def _array_of(content: bytes) -> np.ndarray:
 
 
 class Budget:
-    """Remaining memory allowed for the content of a file [bytes]: 64 MiB, or a hundred times the file size."""
+    """Memory that the content of a file may still take [bytes]: at first 64 MiB or, if more, 100 times its size."""
 
     def __init__(self, path: str | Path, stored: int, *, remedy: str, error: Callable[[str], Exception] = ValueError):
         self.path, self.stored, self.remedy, self.error = path, stored, remedy, error
@@ -109,7 +109,7 @@ class Budget:
 
 
 class Reader:
-    """Position in bytes, which only moves forwards; ValueError with a short message beyond the end."""
+    """Position in a byte string, which only moves forwards; raises ValueError, with a short message, at the end."""
 
     def __init__(self, content: bytes, at: int = 0):
         self.content, self.at = content, 0
@@ -163,7 +163,7 @@ WIDTHS = {
     18: 4,
 }  # bytes of numbers, by type
 CELL, STRUCT, OBJECT, CHAR, SPARSE, OTHER = 1, 2, 3, 4, 5, 16  # classes of arrays; from OTHER on, functions and others
-TEXT, DEEPEST = (1, 2, 16), 20  # types of names; arrays within arrays
+TEXT, DEEPEST = (1, 2, 16), 20  # types of elements with names; largest depth of arrays within arrays
 
 
 def check_matlab(content: bytes, budget: Budget) -> None:
@@ -217,7 +217,7 @@ def _check_array(data: bytes, order: str, budget: Budget, depth: int) -> None:
         raise ValueError(f"an array of shape {tuple(sizes)} and class {kind}")
     count = math.prod(sizes)
     budget.take(8 * count)
-    _numbers(reader, order, *TEXT)  # its name
+    _numbers(reader, order, *TEXT)  # name of the array
     if kind in (CELL, STRUCT, OBJECT):
         _check_parts(reader, order, budget, depth, kind, count)
         return

@@ -1,6 +1,6 @@
 """Natural units of length, force and time of a packing and its law, in which defaults are stated.
 
-With k_n = 1, grains of mass 1 and a smallest diameter of 1, all of them are 1.
+If k_n, the mass of the grains and the smallest diameter are 1, all three units are 1.
 """
 
 from typing import NamedTuple
@@ -28,7 +28,7 @@ def natural_scales(state: State, law: Law, length: float | None = None) -> Scale
     """Natural units of a packing; under a change of units, they transform as any quantity of their dimension.
 
     Another length may be given. The force is that of the stiffest pair of materials. A user-defined law is extrapolated
-    linearly from a tenth of it.
+    linearly from an overlap of a tenth of the length.
     """
     length = 2.0 * float(state.grains.radius.min()) if length is None else length
     a, b = np.indices(law.table.shape[:2])

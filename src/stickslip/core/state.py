@@ -15,7 +15,7 @@ from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 FAILURES = "", "tension", "shear", "bending", "twisting", "compression"  # loads that break a bond
-MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius, which has one centre if grains do not overlap
+MAX_IN_CUBE = 100  # centres in a cube whose edge is the smallest radius; without overlaps, it contains one at most
 
 
 @readable(head=lambda value: _describe_grains(value))
@@ -93,7 +93,7 @@ class Contacts(NamedTuple):
     stale: bool  # whether the list is invalid at the present positions, for example after a deformation of the cell
     count: np.ndarray  # (1,)
     rolling: np.ndarray | None = (
-        None  # (C, columns) of rotations (7) and additional memory of the law; None without either
+        None  # (C, columns) memory of rotations (7) and additional memory of the law; None without both
     )
 
     def check_entries(self) -> None:
@@ -107,7 +107,7 @@ PER_PAIR = tuple(name for name, field in FIELDS["contacts"].items() if field.sha
 
 @readable(head=lambda value: _describe_control(value))
 class Control(NamedTuple):
-    """Imposed loads and motions. A component that is not free moves at its `rate`: frozen if zero, else driven.
+    """Imposed loads and motions. A component that is not free moves at its `rate`: it is frozen if this is zero.
 
     Bodies of a group move as one and do not rotate; their forces and masses add up. A free component of the cell's
     velocity gradient obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may have a time profile, its `course`: it
@@ -129,8 +129,8 @@ class Control(NamedTuple):
     course: np.ndarray  # (K, C) factors of rates, or displacements of load points, one column per course
     follows: np.ndarray  # (N + W, 6) column of `course` that a rate follows, −1: none
     cell_follows: np.ndarray  # (3, 3) the same for the cell
-    spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero for none [force/length]
-    anchor: np.ndarray  # (N + W, 3) of load points [length]
+    spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero if there is none [force/length]
+    anchor: np.ndarray  # (N + W, 3) position of load points without displacement [length]
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
     def check_entries(self) -> None:
@@ -140,7 +140,7 @@ class Control(NamedTuple):
 
 @readable(head=lambda value: _describe_bonds(value))
 class Bonds(NamedTuple):
-    """Bonds between grains, one row each, from `packings.bonded`. Columns of four: tension, shear, bending, twisting.
+    """Bonds between grains, one row each, from `packings.bonded`. Four columns: tension, shear, bending, twisting.
 
     A bond acts in addition to the contact law, also across a gap. Its forces follow from the present positions and
     orientations of its two grains and from their rest configuration, stored in its memory. See
@@ -151,18 +151,18 @@ class Bonds(NamedTuple):
     j: np.ndarray  # (K,) int32
     image: np.ndarray  # (K, 3) int16
     intact: np.ndarray  # (K,) bool: not broken
-    length: np.ndarray  # (K,) at rest [length]
+    length: np.ndarray  # (K,) length at rest [length]
     arm: np.ndarray  # (K,) fraction of the bond length from j to the point of action of the shear force
     direction: np.ndarray  # (K, 3) unit vector from j to i at rest, turned with j
     turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since the rest configuration
     angle_i: np.ndarray  # (K, 3) angle of i to which `direction` and `turn` belong [rad]
-    angle_j: np.ndarray  # (K, 3) angle of j, likewise [rad]
+    angle_j: np.ndarray  # (K, 3) angle of j to which `direction` and `turn` belong [rad]
     stiffness: np.ndarray  # (K, 4) [force/length] twice, [force length] twice
     damping: np.ndarray  # (K, 4) [force time/length] twice, [force time] twice
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
     form: np.ndarray  # (K,) int8: combination of strengths, see `bond_shares`
-    fading: np.ndarray  # (K,) int8: power of the share of the strength by which loads fade before failure, or 0
-    failed: np.ndarray  # (K,) int8: load that broke it (see `FAILURES`); 0 for intact ones, or if it is not known
+    fading: np.ndarray  # (K,) int8: p, loads are multiplied by 1 − (load/strength)^p, or 0: unchanged until failure
+    failed: np.ndarray  # (K,) int8: load that broke it (see `FAILURES`); 0 if intact or unknown
 
     def check_entries(self) -> None:
         """Raise ValueError if an entry is not allowed (see `fields`)."""
@@ -175,7 +175,7 @@ class Instant(NamedTuple):
 
     force: np.ndarray  # (N + W, 6) forces and torques, external ones included
     pull: np.ndarray  # (3, 3) L̇ of the cell's free components [1/time²]
-    mark: int  # checksum of the state to which they belong
+    mark: int  # checksum of the state to which the forces belong
 
 
 @readable(
@@ -224,7 +224,7 @@ def as_numbers(value, dtype=float) -> np.ndarray:
 
 
 def as_rows(value, n, width=None, dtype=float):
-    """Contiguous copy of `value`, broadcast to (n,) or (n, width). Plane vectors get a zero third component."""
+    """Contiguous copy of `value`, broadcast to (n,) or (n, width). Vectors in the plane get a third component, zero."""
     array = np.asarray(value, bool) if dtype is bool else as_numbers(value, dtype)
     if width == 3 and array.shape[-1:] == (2,):
         array = np.concatenate([array, np.zeros((*array.shape[:-1], 1))], axis=-1)
@@ -446,7 +446,7 @@ def assembly(
 ) -> State:
     """Validated state. The list of contacts is built at the first evaluation of forces.
 
-    Without a cell, space is open: a plane if the grains are disks (z = 0, I = m R²/2), else three-dimensional.
+    Without a cell, the grains are in open space: a plane for disks (z = 0, I = m R²/2), otherwise three dimensions.
 
     Raises
     ------
@@ -535,7 +535,7 @@ def grain_volumes(state: State) -> np.ndarray:
 
 
 def volume(state: State) -> float:
-    """Volume of the cell; in two dimensions, its area. Raises ValueError as in `cell_volumes`."""
+    """Volume of the cell; in two dimensions, its area. Raises ValueError as `cell_volumes` does."""
     return float(cell_volumes(state.cell.vectors, state.cell.periodic, state.cell.dim))
 
 

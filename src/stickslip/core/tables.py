@@ -18,7 +18,7 @@ _THOUSANDS = re.compile(r"^[+-]?[1-9]\d{0,2}[.,]\d{3}$")
 
 
 def heading_of(name: str, unit: str) -> str:
-    """Heading of a column in a file, such as `time [s]`; numbers have the unit `-`."""
+    """Heading of a column in a file, such as `time [s]`; the unit of dimensionless numbers is `-`."""
     return f"{name} [{'-' if unit == '1' else unit}]"
 
 
@@ -51,7 +51,7 @@ def write_table(path: Path, headings: Iterable[str], rows: Iterable[Iterable], *
 
 
 def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tuple[int, list[str]]]:
-    """Line number and fields of every row of a table, that of the headings first.
+    """Line number and fields of every row of a table, the row of headings first.
 
     Separators are commas, semicolons or tabs; numbers may have decimal commas. Lines that start with # are comments.
     Files that are not UTF-8 are read as Windows-1252.
@@ -81,7 +81,7 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
 
 
 def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None) -> list[tuple[int, list[str]]]:
-    """Number and fields of each numbered line; separated by `mark`, or by white space if it is None.
+    """Number and fields of each numbered line, with fields separated by `mark`, or by white space if it is None.
 
     Decimal commas, which are in quotation marks if commas separate the fields, become points, and thousands separators
     are removed. Files with both points and commas are rejected if either may separate thousands throughout.

@@ -10,9 +10,9 @@ import numpy as np
 from .reading import read_bytes
 
 LONGEST = 1000  # longest message [characters]
-_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # UTF-32-LE's starts with the first
+_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # the mark of UTF-32-LE starts with the first
 _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
-# all except tabs and line feeds, and marks that change the direction of writing
+# all control characters except tabs and line feeds, and marks that change the direction of writing
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 _MAX_DIGITS = 40  # longest whole number in a file [digits]; valid ones have at most twenty
 
@@ -75,7 +75,7 @@ class SentenceError(ValueError):
 
 
 def bounded(sentence: str) -> str:
-    """Shorten a message inside a quoted value; its beginning, and its end with the remedy, are kept."""
+    """Shorten a message by parts of quoted values; its beginning, and its end with the remedy, are kept."""
     sentence = printable(sentence)
     if len(sentence) <= LONGEST:
         return sentence

@@ -17,7 +17,7 @@ from .text import quoted
 
 YEAR = 365.25 * 86400.0  # [s]
 _SI = {"length": "m", "time": "s", "mass": "kg", "force": "N", "energy": "J", "stress": "Pa"}
-_POWERS = {  # of mass, length and time
+_POWERS = {  # powers of mass, length and time
     "mass": (1, 0, 0), "length": (0, 1, 0), "time": (0, 0, 1), "force": (1, 1, -2), "energy": (1, 2, -2),
 }  # fmt: skip
 _WORDS = {*_SI, *_SI.values(), "W", "ns", "rad", "amplitude", "dim", "steps"}

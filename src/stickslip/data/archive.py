@@ -46,7 +46,7 @@ _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Bonds, Law)
 _LENGTH = struct.Struct("<Q")  # length of the outline of a tree [bytes]
 
 
-# exceptions raised by HDF5, JSON and NumPy, and when objects are rebuilt, for damaged files
+# exceptions that damaged files cause in HDF5, JSON and NumPy, and when objects are rebuilt
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
 
@@ -113,7 +113,7 @@ def trimmed(contacts: Contacts) -> Contacts:
 
 
 def known_nouns(nouns: Iterable[type]) -> dict[str, type]:
-    """Classes that `restore` may build, by name: states and laws, the given ones, and those of their fields."""
+    """Classes that `restore` may build, by name: states, laws, the given classes, and the classes of their fields."""
     found = {noun.__name__: noun for noun in _NOUNS}
     rest = list(nouns)
     while rest:
@@ -223,8 +223,8 @@ def archive_fields(record) -> Fields:
 def restore_contacts(fields: dict) -> Contacts:
     """Contact list from its fields in a file.
 
-    Up to archive schema 4 and GSD schema 1, skin was an array with the gap as second entry, infinite positions marked a
-    stale list, and a law without rolling memory had an array without rows.
+    Up to archive schema 4 and GSD schema 1, skin was an array whose second entry was the gap, infinite positions marked
+    a stale list, and a law without rolling memory had an array without rows.
     """
     fields = {name: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for name, v in fields.items()}
     if "stale" not in fields:
@@ -257,7 +257,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     ----------
     tree : nested dictionaries of arrays, numbers, strings, None, and tuples and NamedTuples of these, including states
     scenario : canonical text
-    version : of the package that computed it
+    version : version of the package that computed the tree
     units : units named in the attribute `units` of datasets; without them, the attribute gives dimensions
 
     Raises
@@ -265,7 +265,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     OSError
         If the file cannot be written; an existing file is left unchanged.
     """
-    import h5py  # on demand, because checkpoints do without it
+    import h5py  # imported on demand, because checkpoints do without it
 
     path = Path(path)
     memory = {"driver": "core", "backing_store": False, "userblock_size": _BLOCK}
@@ -303,7 +303,7 @@ def read(path: str | Path, *, nouns: Iterable[type] = (), remedy: str = REMEDY) 
 
     Parameters
     ----------
-    nouns : classes of other NamedTuples and enums to restore; those not given are returned as dictionaries and strings
+    nouns : classes of other NamedTuples and enums to restore; all others are returned as dictionaries and strings
     remedy : advice if the file is not an archive: the inputs that the caller accepts
 
     Raises
@@ -417,7 +417,7 @@ def _is_compressible(plane: np.ndarray) -> bool:
 
 
 def _packer(level: int):
-    """Compressor for a part of a zlib stream; level 0 stores. It looks for runs only, which is fast."""
+    """Compressor for a part of a zlib stream; level 0 stores. It looks only for repeated bytes, which is fast."""
     return zlib.compressobj(level, zlib.DEFLATED, -zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
 
 

@@ -1,9 +1,9 @@
 """Checkpoints of an unfinished run: named pieces, from which a killed run can be resumed.
 
-Pieces are records in files that only grow. Each file names the scenario to which its pieces belong; they are never used
-for another one, and are removed when the run has written its results. Every process appends to its own file, so that no
-locks are needed. A process that is killed while it appends leaves an incomplete record at the end of its file: reading
-stops at the first record that does not match its checksum. The first record of a file identifies its owner.
+Pieces are records in files that only grow. Each file names the scenario to which its pieces belong. They are not used
+for any other scenario, and are removed when the run has written its results. Every process appends to its own file, so
+that no locks are needed. A process that is killed while it appends leaves an incomplete record at the end of its file:
+reading stops at the first record that does not match its checksum. The first record of a file identifies its owner.
 """
 
 import hashlib
@@ -217,7 +217,7 @@ class Checkpoint(NamedTuple):
 
 
 def _refuse_damage(path: Path):
-    return refuse_damage(path, "a checkpoint", "remove it and resume again, so its part is computed again")
+    return refuse_damage(path, "a checkpoint", "remove it and resume again, so that its part is computed again")
 
 
 def read_index(path: Path) -> Index:
@@ -296,7 +296,7 @@ def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any],
 
 
 def kind_of_result(function: Callable) -> Any:
-    """Return annotation of a function or a partial one; Any if it has none."""
+    """Return annotation of a function or `partial`; Any if it has none."""
     return getattr(getattr(function, "func", function), "__annotations__", {}).get("return", Any)
 
 

@@ -21,21 +21,21 @@ REMEDY = "give a text table, or an HDF5, MATLAB or binary XLOOK file"
 TITLE = struct.Struct(">20s4i")  # header of XLOOK: name, samples, columns, two unused
 CHANNEL = struct.Struct(">13s13si50si")  # name, unit, unused, comment, samples
 CHANNELS = (32, 16)  # number of channels in the header of current and of old files
-USUAL = 1e-20, 1e20  # magnitudes by which the byte order is found
+USUAL = 1e-20, 1e20  # magnitudes of plausible numbers, which identify the byte order
 MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal commas
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
 COMMENT = re.compile(r"\s*(#|%(?!\s*[;,\t]))")  # "%;kPa" is a row of units
-LEAST = 3  # rows that a first column must number consecutively to count as row numbers
+LEAST = 3  # consecutive numbers with which a first column counts as row numbers
 
 
 class Sheet(NamedTuple):
     """Columns of a table as stored, with K headings."""
 
     headings: list[str]  # (K,), empty where a column has none
-    units: list[str | None]  # (K,) from a row of units or an attribute
-    rows: list[tuple[int, list[str]]] | None = None  # number of each line and its K fields
-    values: list[np.ndarray] | None = None  # (K,) or, in files of arrays, their values
+    units: list[str | None]  # (K,) units from a row of units or an attribute
+    rows: list[tuple[int, list[str]]] | None = None  # for text: number of each line and its K fields
+    values: list[np.ndarray] | None = None  # (K,) for files of arrays: values of the columns
 
 
 def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example: str, remedy: str = "") -> Sheet:
@@ -43,7 +43,7 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
 
     Parameters
     ----------
-    known : function that returns True for a wanted heading, by which the row of headings is found
+    known : function that returns True for a wanted heading; it serves to find the row of headings
     named : whether the user gave column numbers, so headings are not needed
     example : example of headings, for messages
     remedy : advice for a table without headings, besides adding them
@@ -83,7 +83,7 @@ def _text_sheet(
     rows = split_rows(path, body[first:], mark)
     width = len(rows[0][1])
     above = [line for _, line in body[:first]]
-    above = above or [line.lstrip(COMMENTS + " ") for k, line in lines if k < body[0][0]]  # as of numpy.savetxt
+    above = above or [line.lstrip(COMMENTS + " ") for k, line in lines if k < body[0][0]]  # as numpy.savetxt does
     titles = [_fit_width(_split_titles(line, mark, width), rows) for line in above]
     index = max(range(len(titles)), key=lambda k: (sum(map(known, titles[k])), k), default=None)
     if index is None or not any(map(known, titles[index])):
@@ -131,14 +131,14 @@ def _split_titles(line: str, mark: str | None, width: int) -> list[str]:
     if mark is not None:
         try:
             return [title.strip() for title in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]
-        except csv.Error:  # as for a quotation that is not closed
+        except csv.Error:  # such as a quotation that is not closed
             return []
     apart = [title for title in re.split(r"\s{2,}|\t", line.strip()) if title]
     return apart if len(apart) == width else re.split(r"\s+(?![\[(])", line.strip())
 
 
 def _fit_width(titles: list[str], rows: list[tuple[int, list[str]]]) -> list[str]:
-    """Headings of all columns: a first column that numbers the rows, or an empty last one, may have none."""
+    """Headings of all columns. A first column that numbers the rows, or an empty last column, may lack a heading."""
     if len(titles) == len(rows[0][1]) - 1 and not any(row[-1] for _, row in rows):
         return [*titles, ""]
     numbers = [row[0] for _, row in rows[:LEAST]]
@@ -179,7 +179,7 @@ def _hdf5_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str 
 
 
 def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str | None]]:
-    """Arrays of a MATLAB file up to version 7, also those in a structure."""
+    """Arrays of a MATLAB file up to version 7, including those in a structure."""
     from scipy.io import loadmat
 
     try:
@@ -238,7 +238,7 @@ def _look_sheet(path: Path, content: bytes) -> Sheet | None:
         size = np.abs(values)
         return float(((size == 0) | (size > USUAL[0]) & (size < USUAL[1])).mean())
 
-    with np.errstate(invalid="ignore", over="ignore"):  # of NaN in the other byte order
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN in the other byte order
         values = max((np.frombuffer(content, order + kind, total, start) for order in "<>"), key=usual).astype(float)
     names, units, _ = zip(*used, strict=True)
     return Sheet(list(names), [unit.strip("[]() ") or None for unit in units], values=np.split(values, count))

@@ -126,7 +126,7 @@ SHORT = {  # abbreviations in headings, and other forms of the same word
     "displ": "displacement",
     "nor": "normal", "norm": "normal", "shr": "shear", "coeff": "coefficient",
 }  # fmt: skip
-GREEK = ("σ", "sigma|sig"), ("ε", "epsilon|eps"), ("τ", "tau"), ("δ", "delta|∆")  # as they are spelt
+GREEK = ("σ", "sigma|sig"), ("ε", "epsilon|eps"), ("τ", "tau"), ("δ", "delta|∆")  # letters and their names
 ABSENT = (-9999.0, -999.0, -99999.0)  # placeholders of some programs for missing numbers
 SIMILAR = 0.1  # relative tolerance within which a ratio equals that of two units
 SHOWN = 8  # columns that a message lists
@@ -150,10 +150,10 @@ class LaboratoryTable(NamedTuple):
     wanted: Wanted
     sheet: Sheet
     headings: list[str]  # (K,) as the user names them
-    places: dict[str, tuple[int, float]]  # of wanted columns, and factors that convert them to SI units
+    places: dict[str, tuple[int, float]]  # positions of wanted columns, and factors that convert them to SI units
 
     def numbers(self) -> dict[str, np.ndarray]:
-        """Numbers in the wanted columns in SI units, without incomplete rows, which a warning counts."""
+        """Numbers in the wanted columns in SI units, without incomplete rows, whose number a warning states."""
         path, rows = self.path, self.sheet.rows or []
         values = {
             name: self.sheet.values[k] if self.sheet.values is not None
@@ -285,7 +285,7 @@ def same_word(word: str) -> str:
 def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> tuple[str, str | None]:
     """Name and unit of a heading such as `time [s]`, `time/s`, `time, s` or `time_s`; None without a unit.
 
-    The name is one of `aliases` if the heading is a form of it, also with a symbol behind it, as in `Void ratio e`.
+    The name is one of `aliases` if the heading is a form of it, perhaps with a symbol after it, as in `Void ratio e`.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> 
 
 
 def _alias_of(word: str, aliases: tuple[str, ...]) -> str | None:
-    """Alias of which a word is a form, perhaps followed by another one of them; None if there is none."""
+    """Alias of which a word is a form, perhaps followed by a form of another alias; None if there is none."""
     forms = {same_word(alias): alias for alias in reversed(aliases)}
     if (whole := forms.get(same_word(word))) is not None or same_word(word) in NAMES:
         return whole
@@ -331,11 +331,11 @@ NAMES = {same_word(alias) for _, aliases in COLUMNS.values() for alias in aliase
 
 
 def unit_of_time(ratio: float, stated: float = 1.0) -> str:
-    """Likely unit of times that are too short by a ratio; empty if the ratio is not that of two units.
+    """Likely unit of times that are too short by a factor; empty if this is not the ratio of two units.
 
     Parameters
     ----------
-    stated : length of their stated unit [s]
+    stated : stated unit of the times [s]
     """
     near = [unit for unit in ("s", "min", "h", "d", "ms") if abs(TIME[unit] / stated / ratio - 1) < SIMILAR]
     return near[0] if ratio > 0 and near and TIME[near[0]] != stated else ""
@@ -394,7 +394,7 @@ def _describe_column(name: str, wanted: Wanted) -> tuple[tuple[str, ...], dict[s
 
 
 def _is_missing(column: np.ndarray) -> np.ndarray:
-    """Samples without a number, or with one of `ABSENT` farther from all others than any two neighbours."""
+    """Samples without a number, or with one of `ABSENT` if its distance from all others exceeds that of neighbours."""
     missing = ~np.isfinite(column)
     for mark in ABSENT:
         others = np.unique(column[~missing & (column != mark)])

@@ -25,7 +25,7 @@ from ..core.units import in_si
 from ..extras import cache_folder
 from .schema import Finite, NotNegative, Positive, ScenarioError, ScenarioTable, Several, split_unit, validate_scenario
 
-TRUSTED = "trusted_laws.txt"  # in the user's cache folder: the SHA-256 of every text that may be executed
+TRUSTED = "trusted_laws.txt"  # file in the user's cache folder with the SHA-256 of every text that may be executed
 
 
 class LawOrFile(ScenarioTable):
@@ -128,7 +128,7 @@ def check_law_files(tables: dict) -> None:
     Raises
     ------
     ScenarioError
-        As `load_law`; ValueError as `laws.from_file`.
+        As in `load_law`; ValueError as in `laws.from_file`.
     """
 
     def check(law: dict) -> dict:
@@ -183,8 +183,8 @@ class Key(NamedTuple):
     """Key of law tables."""
 
     kind: Any  # annotation of its values; None is also allowed where it is the default
-    words: str | None  # with its unit in brackets at the end
-    default: Any = None  # of tables without this key
+    words: str | None  # description, with the unit in brackets at the end
+    default: Any = None  # value in tables without this key
 
 
 def _own_key(name: str) -> Key:
@@ -354,7 +354,7 @@ class PackingLaw(LawTable):
 
 
 def renamed_keys(law: dict) -> dict:
-    """Law table of a finished run with the present names of its keys; gouge had others before version 0.3."""
+    """Law table of a finished run with the present names of its keys; gouge used other names before 0.3."""
     if "gamma_n" not in law:
         return law
     kind = "hertz_mindlin_reff" + ("_rescaled" if law.get("rescaled") else "")

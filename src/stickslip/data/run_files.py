@@ -1,10 +1,10 @@
 """Run folders: names of files and their atomic replacement, the manifest with their digests, and the lock.
 
 Experiments list further files in `writes`. A file is written under a temporary name in the same folder, flushed to
-disk, and renamed. A file that does not match the manifest was written by something else: runs replace or remove it only
-with --overwrite. While a file is being replaced, the manifest lists both digests, so that a run that is killed at that
-moment leaves no unknown file. Only one process at a time works in a folder; the operating system releases the lock when
-it ends.
+disk, and renamed. A file that does not match the manifest was written by another program: runs replace or remove it
+only with --overwrite. While a file is being replaced, the manifest lists both digests, so that a run that is killed at
+that moment leaves no unknown file. Only one process at a time works in a folder; the operating system releases the lock
+when the process ends.
 """
 
 import errno
@@ -24,7 +24,7 @@ from pathlib import Path
 SCENARIO, NUMBERS = "scenario.json", "results.h5"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of the call, for `stickslip resume`
-LOOK = "look.json"  # how its figures are written
+LOOK = "look.json"  # style and formats of its figures
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 NAMES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, PAGE, FILM)
 FIGURES = r"(fig\d_\w+|claims)\.(png|pdf|svg)"
@@ -182,13 +182,13 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
 
     Parameters
     ----------
-    ours : function that returns True if a run may write, replace or remove a file of this name; in a folder where a run
-    has left files, other files are ignored; hidden files always are
+    ours : function that returns True if a run may write, replace or remove a file of this name. In a folder where a run
+    has left files, other files are ignored; hidden files are always ignored
     """
     if not folder.is_dir():
         return []
     own, adopted, begun = read_manifest(folder), _read(folder / UNFINISHED / _OVERWRITABLE), unfinished_scenario(folder)
-    own = {name: [sha for sha in digests if sha != _OTHER] for name, digests in own.items()}  # no run writes others
+    own = {name: [sha for sha in digests if sha != _OTHER] for name, digests in own.items()}  # a run writes no others
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
     if begun is not None:  # it wrote its scenario before the manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]

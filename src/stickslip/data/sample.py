@@ -24,9 +24,9 @@ from ..known import HARMLESS, UNKNOWN, USED, find_row
 
 HUGE = 1e30  # larger numbers make products overflow
 NO_LAW = "the contact law is missing"
-FORMER_NO_LAW = "no contact law was given"  # in files of version 0.3
-UNDECIDED = "undecided: "  # beginning of notes on actions on the grains that were not adopted
-LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # of notes
+FORMER_NO_LAW = "no contact law was given"  # wording in files of version 0.3
+UNDECIDED = "undecided: "  # beginning of notes on actions on the grains that were not imported
+LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # subjects
 BONDS = "bonds"
 
 
@@ -68,7 +68,7 @@ class Obstacle(Assumption):
     reason: str
 
     def __new__(cls, reason: str, about: str = "") -> Self:  # noqa: D102
-        reason = reason.removeprefix(UNDECIDED)  # of a copy, or of a note that a file repeats
+        reason = reason.removeprefix(UNDECIDED)  # already in a copy, or in a note that a file repeats
         note = super().__new__(cls, f"{UNDECIDED}{reason}", about)
         note.reason = reason
         return note
@@ -101,7 +101,7 @@ def account_for(
 
     Parameters
     ----------
-    kind : as in the table of `known`, where names are looked up after `plain`
+    kind : kind of the names in the table of `known`, where names are looked up after `plain`
     known : groups of names known to the reader
     """
     groups: dict[str, list[str]] = {}

@@ -96,7 +96,7 @@ class ScenarioBase(ScenarioTable):
         None, description="names of the units, for printing only; nothing is converted; default: no names"
     )
     if TYPE_CHECKING:
-        experiment: str  # its name, a literal in each class
+        experiment: str  # name of the experiment, a literal in each class
 
     def sizes(self) -> Iterator[Size]:
         """Iterate over the sizes of the run, each with the keys that determine it and advice on reducing it."""
@@ -220,7 +220,7 @@ def error_message(problem: ValidationError, kind: type[BaseModel], place: str = 
         message = f"input should have at least {least} {'entry' if least == 1 else 'entries'}"
     elif first["type"] == "tuple_type":
         message = "input should be a list"
-    elif first["type"] == "literal_error":  # of a key that may be a word or a number
+    elif first["type"] == "literal_error":  # the key may be a word or a number
         others = [error["msg"] for error in errors[1:] if error["loc"][:-1] == first["loc"][:-1]]
         message = ", or ".join([message, *(other.removeprefix("Input should be ") for other in others)])
     got = got if len(got) <= 100 else f"{got[:97]}…"

@@ -145,7 +145,7 @@ def run_members(
     members = [None if result is None else Member(result, None) for result in results]
     missing = {k: task for k, task in enumerate(tasks) if members[k] is None}
     done, failed, shares = len(tasks) - len(missing), 0, dict.fromkeys(missing, 0.0)
-    share_done = float(done)  # of all members, in members
+    share_done = float(done)  # sum of the shares of all members
 
     def keep(k: int, member: Member) -> None:
         nonlocal done, failed
@@ -244,7 +244,7 @@ def _unpack_result(packed: bytes | None, failure: str | None) -> Member:
 
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
 PATIENCE = 10.0  # timeout for the scheduler's first answer [s]
-PAUSE = 1.0  # shortest time between two messages of one task, because a scheduler receives those of many tasks [s]
+PAUSE = 1.0  # shortest time between two messages of one task; a scheduler receives messages of many tasks [s]
 POLL = 2.0  # time between two queries of the cluster [s]
 AHEAD = 256  # smallest number of tasks kept waiting on the scheduler for a free worker
 
@@ -377,7 +377,7 @@ def _events(client, events, futures: dict, ask):
         if time.monotonic() - looked >= POLL:
             try:
                 looked, slots = time.monotonic(), sum(client.nthreads().values())
-            except OSError:  # it has just disappeared
+            except OSError:  # the scheduler has just disappeared
                 raise SchedulerGoneError("the Dask scheduler has disappeared") from None
             ahead = max(AHEAD, 2 * slots)
             if not slots:

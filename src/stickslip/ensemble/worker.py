@@ -141,7 +141,7 @@ def _take(waiting: list[WorkerProcess]) -> WorkerProcess:
 
 @contextmanager
 def borrowed(waiting: list[WorkerProcess]) -> Iterator[WorkerProcess]:
-    """Context manager for a process that waits, or a new one; afterwards it waits again, or is ended after an error."""
+    """Context manager for a waiting process, or a new one. Afterwards it waits again; after an error, it is ended."""
     process = _take(waiting)
     try:
         yield process

@@ -1,7 +1,7 @@
 """Tables of quantities: each quantity of a result is one row, with its name, unit, meaning and function.
 
-Columns of files, measures with their intervals, terminal, labels of axes, tables of notebooks and pages of reference
-follow from the rows:
+The rows determine columns of files, measures with their intervals, terminal output, axis labels, tables in notebooks
+and reference pages:
 
     LOOP = Quantities([
         Quantity("G", STRESS, "secant modulus between the turns", lambda loop: loop.tau_a / loop.gamma_a),
@@ -68,11 +68,11 @@ class Quantity(NamedTuple):
 
     name: str  # name of columns, measures and datasets
     unit: str  # dimensions such as "force/length^(dim-1)", or a unit; "1" for numbers and texts
-    meaning: str  # in a few words
-    # function of the subject, or attribute, `name` if not given; "packed.pressure" is NaN if `packed` is None
+    meaning: str  # description in a few words
+    # function of the subject, or its attribute (by default `name`); "packed.pressure" is NaN if `packed` is None
     of: Callable[[Any], Any] | str = ""
-    label: str = ""  # label of axes, if it is not the name in words
-    partial: bool = False  # whether a mean is over the samples that have it; otherwise it is NaN if one lacks it
+    label: str = ""  # label of axes; by default, the name in words
+    partial: bool = False  # whether means skip samples without this quantity; otherwise they are NaN if one lacks it
 
     def at(self, subject) -> dict[str, Any]:
         """Values of a subject by name: one value, one for each condition such as a load, or none."""
@@ -133,7 +133,7 @@ class Quantities(dict[str, Quantity]):
         write_table(path, headings, rows, **options)
 
     def show_rows(self, subjects: Iterable, *names: str, title: str | None = None) -> None:
-        """Print a table with a row for each subject; `names` are those of its columns, all if not given."""
+        """Print a table with a row for each subject; by default, its columns are all quantities."""
         from ..reports.terminal import new_table, show_table
 
         columns = {name.replace("_", " "): self[name] for name in names or self}
@@ -169,7 +169,7 @@ class Measures(Quantities):
     Parameters
     ----------
     rows : quantities of a result, of its `subject`, or of one of its samples
-    subject : function of the result; the quantities are those of its value
+    subject : function of the result; its value has the quantities
     samples : function of the result that returns its samples
     over : function of the values of all samples, such as `estimate`, `median` or `np.mean`; without `samples`, of the
     values of each quantity

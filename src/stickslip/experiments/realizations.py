@@ -1,7 +1,7 @@
 """Parts of all simulations: the law and the packing of a scenario, and the loop over its realisations.
 
-Realisations run in parallel, are saved, skipped if they are, and reported if they fail. On a device, legs of several,
-each in a separate thread, run side by side in one batch (`Together`).
+Realisations run in parallel and are saved; saved ones are skipped, and failures are reported. On a device, legs of
+several realisations, each in a separate thread, run side by side in one batch (`Together`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -100,7 +100,7 @@ MOST = 256  # realisations side by side on a device
 class Task(NamedTuple):
     """One realisation, or one independent part of it."""
 
-    label: str  # in messages, such as "sample 3"
+    label: str  # name in messages, such as "sample 3"
     arguments: tuple
     name: str  # name of its saved result
     checkpoint: Checkpoint | None  # where the result is saved

@@ -42,14 +42,14 @@ class Reproduction(NamedTuple):
 
 
 class Paper(NamedTuple):
-    """Reproduction of a published experiment; `reproduce` returns a `Reproduction`, or more with its attributes."""
+    """Reproduction of a published experiment; `reproduce` returns a `Reproduction` or an object with its attributes."""
 
     title: str  # title of the claims table
     cuts: str  # parts that a quick run omits
     scenario: Callable  # (quick, seed) -> scenario of the main run
     reproduce: Callable  # (quick, seed, folder, workers, report) -> reproduction
     shows: Callable  # () -> figures of the paper, their content, and the claims to quote
-    name: str | None = None  # for `stickslip reproduce`; None: the name of the experiment
+    name: str | None = None  # name for `stickslip reproduce`; None: that of the experiment
     # functions of the reproduction; None: use the function of the experiment on the main run
     numbers: Callable | None = None
     figures: Callable | None = None
@@ -60,9 +60,9 @@ class Paper(NamedTuple):
 class SweepMember(NamedTuple):
     """Member of a sweep, for `compare` of its experiment."""
 
-    values: dict[str, Any]  # of the swept keys
-    measures: dict[str, tuple[float, str]]  # with their units; empty if the member is not finished
-    archive: Path  # its results.h5
+    values: dict[str, Any]  # values of the swept keys
+    measures: dict[str, tuple[float, str]]  # measures with their units; empty if the member is not finished
+    archive: Path  # path of its results.h5
 
 
 class Comparison(NamedTuple):
@@ -91,13 +91,13 @@ class Experiment(NamedTuple):
     # (scenario, path of a laboratory's table) -> function of the contents of the archive that returns a Comparison
     overlay: Callable | None = None
     compare: Callable | None = None  # (members of a sweep) -> Comparison
-    compares: tuple[str, ...] = ()  # names of its files
+    compares: tuple[str, ...] = ()  # names of the files of a comparison
     paper: Paper | None = None
-    more_papers: tuple[Paper, ...] = ()  # others that it reproduces
+    more_papers: tuple[Paper, ...] = ()  # further papers that it reproduces
     smallest: tuple[dict, ...] = ()  # tables of runs that take seconds, for tests of all experiments
     export: Callable | None = None  # (scenario, folder) -> paths of the input that LAMMPS runs elsewhere
     parallel: bool = True  # whether realisations can be distributed over the workers of a cluster
-    device: bool = False  # whether `simulate`, and `reproduce` of its paper, can run them on a graphics processor
+    device: bool = False  # whether `simulate`, and `reproduce` of its paper, can use a graphics processor
 
     @property
     def name(self) -> str:
@@ -178,7 +178,7 @@ _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None):
 
 
 def papers() -> dict[str, Experiment]:
-    """Return the experiments that reproduce a paper, with that paper, keyed by the name for `stickslip reproduce`."""
+    """Return the experiments that reproduce a paper, each with its paper, by the name for `stickslip reproduce`."""
     return {
         paper.name or name: experiment._replace(paper=paper)
         for name, experiment in EXPERIMENTS.items()
@@ -192,7 +192,7 @@ _EVERY_RUN = re.compile("|".join([FIGURES, *map(re.escape, NAMES)]))
 
 @cache
 def _written_by(experiment: str) -> re.Pattern[str]:
-    """Names of the files that runs of an experiment write, besides those of every run."""
+    """Names of the files that runs of an experiment write, besides the files of every run."""
     return re.compile("|".join(EXPERIMENTS[experiment].writes))
 
 

@@ -18,7 +18,7 @@ Course of an instability
     failure_path           stress, growth and softest mode of a packing until it fails, with forecasts
     growth_by_amplitude    growth rate of a pair at finite amplitude
     response_envelopes     stress and second-order work of small strains in all directions
-    dispersion             frequency and damping of waves against the wave number, with the lines of the moduli
+    dispersion             frequency and damping of waves against the wave number, with lines from the moduli
     inclusion              displacements around an inflated grain, with elasticity and screening
     bursts                 amplitude of a pair in a free run, with the predicted envelopes
     static_and_kinetic     share of kicked runs that slide and their lifetimes, with static thresholds

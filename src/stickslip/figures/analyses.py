@@ -55,8 +55,8 @@ _Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
 _Failure = Annotated[Any, Result("Failure", ("steps", "events", "onset", "forecasts", "sign"))]
 _Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
 LOOK = {"elastic": (SKY, "-", 4.0), "dipole": (GREEN, "-", 2.0), "odd": (RED, ":", 1.4)}  # visible where they coincide
-MARKED = 80  # number of points up to which each has a marker
-ROOM = 1.5  # length of an axis over that of its curves up to which a mark beyond them is drawn
+MARKED = 80  # largest number of points that are drawn with markers
+ROOM = 1.5  # largest length of an axis, over that of its curves, to show a mark beyond them
 
 
 @styled
@@ -118,7 +118,7 @@ def growth_by_amplitude(form: BirthForm):
     axes.plot(x[below], np.sqrt(square[below]), "--", color=ORANGE, label="third order")
     axes.plot(move[seen], form.rates[seen], ".-", color=BLUE, label="harmonic balance")
     axes.axhline(form.growth_rate, color=BLACK, lw=0.6, ls=":", label="linear")
-    end = max([*move[seen], *x[below]])  # of the curves
+    end = max([*move[seen], *x[below]])  # end of the curves
     for amplitude, color, label in ((form.peak, GREEN, "burst turns back"), (form.first, RED, "a contact is lost")):
         at = form.displacement(amplitude)
         if at <= ROOM * end:
@@ -135,7 +135,8 @@ def growth_by_amplitude(form: BirthForm):
 def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Load = np.nan):
     """Shares of kicked runs that slide, and that keep sliding, against the load, with the static thresholds.
 
-    Open circles and dashed curves: runs that slid by the distance; full ones: runs that slid on for another duration.
+    Open circles and dashed curves: runs that slid by the distance; filled circles and solid curves: runs that slid on
+    for another duration.
     Coloured bands are 95 % intervals of the load at which half of the runs do so. The lower panel shows the median time
     until a run had slid. The grey band contains the loads at which sliding samples stopped; `strength` is the load at
     which the sample slides spontaneously.
@@ -241,7 +242,7 @@ def response_envelopes(
     Parameters
     ----------
     envelopes : results of `protocols.response_envelope` with control="strain"
-    labels : one for each
+    labels : one label for each state
     names : components along the two axes of the plane
     """
     figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.0))
@@ -339,7 +340,7 @@ GREY, PALER, PALE, SAND = "#b4bac0", "#d3d8dd", "#eef1f4", "#f8dfae"
 HEIGHT = 5.6  # inches
 FEW, MANY = 6, 24  # bins of the distributions and of half the rose
 MOST = 5.0  # multiple of the mean force above which lines do not get thicker
-SLAB = 30.0  # between spheres, largest angle between directions of the rose and its plane [degrees]
+SLAB = 30.0  # for spheres, largest angle between directions of the rose and its plane [degrees]
 
 
 @styled

@@ -20,7 +20,7 @@ from .scene import Mode, Zoom
 from .style import SLIDE_DPI, SLIDE_MOVIE, OwnFigure, common_style, styled
 
 ENDINGS = (".gif", ".mp4")
-FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of a run
+FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of the movie of a run [s]
 PIXELS, DPI = 900, 150  # width of the picture, up to 1.5 times as much for wide ones; type is readable at half of it
 ROW = 0.17  # height of a row of the legend [inches]
 BITS = 6  # bits per channel of the colours from which the palette of a GIF is made
@@ -69,7 +69,7 @@ def movie(
         (inches, height), dpi, settings = SLIDE_MOVIE, SLIDE_DPI, {"font.size": 10, "legend.fontsize": 8}
     handles = legend_handles(frames[0], near=False, colour=colour)
     rows = -(-len(handles) // legend_columns(inches))
-    below, above = (0.66 if colour else 0.2) + ROW * rows, 0.3  # for the legend and the colour bar, and for the title
+    below, above = (0.66 if colour else 0.2) + ROW * rows, 0.3  # room for legend and colour bar, and for the title
     if not slides:
         height = min(0.98 * inches * tall / wide, 1.3 * inches) + below + above
         inches, height = (round(DPI / 2 * size) / (DPI / 2) for size in (inches, height))  # even, as H.264 requires

@@ -32,8 +32,8 @@ class Row(NamedTuple):
     label: str
     group: str  # figure of the paper
     verdict: str
-    deviation: tuple[float, ...]  # of the measurement, in tolerances: one number, two ends of a window, or empty
-    error: float  # in tolerances; 0 without one
+    deviation: tuple[float, ...]  # deviation in tolerances: one number, two ends of a window, or empty
+    error: float  # error in tolerances; 0 if there is none
     measured: str
     paper: str
     beside_reference: bool  # True if deviation and value refer to a reference instead of the paper
@@ -69,7 +69,7 @@ def claims_chart(rows: list[Row], title: str):
         Line2D([], [], ls="", marker=MARKS[w][1], color=MARKS[w][0], mfc=MARKS[w][0] if MARKS[w][2] else "white", ms=4)
         for w in seen
     ]
-    labels = [f"{word} ({_count(rows, word)})" for word in seen]  # as on the terminal
+    labels = [f"{word} ({_count(rows, word)})" for word in seen]  # the same words as on the terminal
     handles.append(Patch(color="0.9"))
     labels.append("tolerance; arrows: outside the range")
     if any(row.beside_reference for row in rows):

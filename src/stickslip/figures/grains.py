@@ -42,7 +42,7 @@ SHINING = 2000  # number of grains up to which balls have a highlight, which wou
 SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension; lines between balls must be visible
 THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
-CASING = 0.7  # more width of the white lines beneath those on coloured grains [points]
+CASING = 0.7  # additional width of the white lines beneath those on coloured grains [points]
 CEMENT = 3.0  # width of a bond over that of a contact with the mean force
 THIN = 0.1  # the greatest such width over the mean diameter, so that lines do not hide the grains
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker
@@ -334,13 +334,13 @@ def legend_handles(frame: Frame, mode: Mode | None = None, *, near: bool = True,
 
 
 def draw_colour_bar(figure, drawn, layout: Layout, **place) -> None:
-    """Draw a horizontal colour bar; `place` goes to `Figure.colorbar`."""
+    """Draw a horizontal colour bar; `place` is passed to `Figure.colorbar`."""
     bar = figure.colorbar(drawn, extend="max" if layout.cut else "neither", **place)
     label_axes(bar.ax, x=(layout.colour, layout.unit), whole="x" if layout.whole else "")
 
 
 def _rattlers(frame: Frame) -> np.ndarray:
-    """(N,) bool; a frame without a law is drawn as if it had friction."""
+    """(N,) bool, rattlers; a frame without a law is drawn as if it had friction."""
     return rattlers(frame.state, least_supports(frame.law, frame.state.cell.dim) if frame.law else 2)
 
 
@@ -388,7 +388,7 @@ def _contact_lines(axes, frame: Frame, layout: Layout, place: np.ndarray, basis:
 def _split_at_edges(frame: Frame, place: np.ndarray, i: np.ndarray, j: np.ndarray, branch: np.ndarray):
     """Rows, bodies, starts and ends of lines between bodies; each line ends at the grain that is drawn.
 
-    A line across a periodic edge becomes two, from each of its grains to their contact; neither has a second body.
+    A line across a periodic edge becomes two lines, from each grain to the contact; neither has a second body.
     """
     radius = frame.state.grains.radius
     n, rows, start, ends = len(radius), np.arange(len(i)), place[i], place[i] - branch

@@ -6,7 +6,7 @@ from importlib.resources import files
 from string import Template
 
 MARK = "written by stickslip"  # identifies pages and movies of this package
-ROWS = 60  # largest number of rows in a table of which a file has all rows
+ROWS = 60  # largest number of rows shown of a table whose rows are all in a file
 
 
 def page(title: str, about: str, sections: list[tuple[str, str]], *, reload: int | None = None) -> str:

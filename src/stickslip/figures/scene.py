@@ -28,7 +28,7 @@ from .style import BLUE, BOND, BROKEN, COLORS, RED
 ASIDE = 0.05  # largest share of the grains that may be out of view at each side
 FEW = 10  # number of grains below which all are in view
 APART = 3.0  # gap to the others, in largest diameters, beyond which grains may be out of view
-FAR = 3.0  # distance from the middle half of the grains, in widths of that half, beyond which they also may
+FAR = 3.0  # distance from the middle half of the grains, in its widths, beyond which grains may be out of view
 PARTED = 1.3  # distance of the grains of a broken bond, over that at rest, beyond which it is not drawn
 ZOOMS = (0.01, 1000.0)  # smallest and largest enlargement
 Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`
@@ -55,9 +55,9 @@ Zoom = Annotated[Any, Requirement(check_zoom)]  # enlargement of the view on gra
 
 
 def body_limits(place: np.ndarray, gap: float, share: float = ASIDE) -> np.ndarray:
-    """(2, d) corners of positions (N, d), without grains far from the others, which would shrink the picture.
+    """(2, d) corners of positions (N, d). Grains far from the others would shrink the picture, so they are left out.
 
-    These are at most a fraction of the grains at each side, beyond a gap or far beyond the middle half.
+    The grains left out are at most a fraction at each side, beyond a gap or far beyond the middle half.
     """
     corners, most = [], int(np.ceil(share * len(place))) if len(place) >= FEW else 0
     for x in np.sort(place, axis=0).T:
@@ -233,7 +233,7 @@ WIDTHS = (
 )  # widths of contact lines, one for each class of force over its mean; the last class is unbounded
 LINE = {2: 0.22, 3: 0.07}  # line width of a contact with the mean force, over the mean radius
 LINES = {"stick": BLUE, "slide": RED, "bond": BOND, "broken": BROKEN}  # names and colours of lines
-CEMENT = 2  # number of the width of bonds
+CEMENT = 2  # index of the width of bonds
 KINDS = 8  # largest number of separate colours for materials
 FOV = {2: 12.0, 3: 30.0}  # degrees; almost parallel in the plane
 WITHOUT_WEBGL = """<script>

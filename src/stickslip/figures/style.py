@@ -67,14 +67,14 @@ STYLE = {
     "ytick.right": True,
     "axes.formatter.use_mathtext": False,  # tick labels without mathematics take a third less time
     "axes.prop_cycle": matplotlib.cycler(color=COLORS),
-    "figure.constrained_layout.use": False,  # figures choose: matplotlib would otherwise add one when saving
+    "figure.constrained_layout.use": False,  # figures choose their layout; otherwise saving would add one
     "pdf.fonttype": 42,  # TrueType: journals do not accept Type 3
     "ps.fonttype": 42,
     "svg.fonttype": "none",  # text remains text
     "svg.hashsalt": "stickslip",  # the same figure has the same bytes
 }
 TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
-STRESS = "force/length^(dim-1)"  # without named units
+STRESS = "force/length^(dim-1)"  # unit of stress without named units
 DIMENSIONS = re.compile(r"(?:(?:length|time|mass|force|energy|stress)\b|[\d^²³()/ ])+")
 POWERS = (-3, 4)  # powers of ten beyond which (inclusive) the power moves from an axis to its unit
 TICK_SIZE = STYLE["xtick.labelsize"]
@@ -90,7 +90,7 @@ _DRAWING = RLock()  # matplotlib settings are global: threads would restore each
 
 @contextmanager
 def common_style(**more):
-    """Draw in the common style, with further settings if given; those of the user are restored."""
+    """Draw in the common style, with further settings if given; the user's settings are restored."""
     with _DRAWING, matplotlib.rc_context(STYLE | more):
         yield
 
@@ -312,7 +312,7 @@ def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, m
     if turns <= bins or x[-1] <= x[0]:
         axes.plot(x, y, color=color, lw=lw, label=label)
         return
-    bins = min(bins, turns // 4)  # at least two oscillations, as part of one may not reach the envelope
+    bins = min(bins, turns // 4)  # two or more oscillations per bin, as part of one may not reach the envelope
     starts = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], bins, endpoint=False)))
     count = np.diff(np.r_[starts, len(x)])
     at, mean = (np.add.reduceat(values, starts) / count for values in (x, y))
@@ -354,7 +354,7 @@ class Look(NamedTuple):
     """Formats, width and panel letters of figures."""
 
     formats: tuple[str, ...] = ("png",)
-    width: Literal[86, 178] = 86  # in mm
+    width: Literal[86, 178] = 86  # [mm]
     letters: bool = True  # letters of panels, if there are several
     slides: bool = False  # 16:9 with large type, instead of a width
 

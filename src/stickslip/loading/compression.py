@@ -1,4 +1,4 @@
-"""Frictional packings under a pressure: compressed in a periodic box, between walls, in a cell with free strains."""
+"""Frictional packings under a pressure: compressed in a periodic box, between walls, or in a cell with free strains."""
 
 from typing import NamedTuple
 
@@ -25,14 +25,14 @@ LOOSE = {2: 0.72, 3: 0.50}  # packing fractions at the start, below those of ran
 DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, over the smallest radius
 RESOLVED = 1e3  # smallest force of such a contact over the tolerance
 SHARE = 0.15  # time step over the largest stable one of such a contact
-AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over that of such a contact
+AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over the force of such a contact
 CRITICAL = 4.0  # drag of grains and cell times the time scale
-BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and largest number of steps
+BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and most steps between them
 STEPS = 20_000_000  # largest number of time steps of a compression
 NARROWEST = 2  # smallest width of the loose cell over the largest diameter
 LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two are fixed
 BOX_STEPS, BLOCKS = 20_000, 150  # boxes: steps in a block of damped dynamics, and largest number of blocks
-SOFT = 0.01  # largest pressure over kn; beyond it overlaps are not small
+SOFT = 0.01  # largest pressure over kn; beyond it, overlaps are not small
 FRACTION = 0.86  # boxes: packing fraction of the jammed packing
 LOOSENED = 1.15  # expansion of the jammed packing before the walls compress it
 
@@ -41,7 +41,7 @@ class Scales(NamedTuple):
     """Scales of a packing under a pressure, from one contact that carries the force F = p d^(dim−1)."""
 
     force: float  # F [force]
-    time: float  # √(m d/F), in which the pressure moves a grain by its diameter [time]
+    time: float  # √(m d/F), time in which the pressure moves a grain by its diameter [time]
     stiffness: float  # k d/F, the stiffness of the contact over that of the pressure
     dt: float  # time step [time]
 
@@ -178,7 +178,7 @@ def _compress(state: State, law: Law, pressure: float, scales: Scales, tolerance
     """Equilibrium of loose grains after slow compression by a cell that follows the stress.
 
     Before grains touch, the strain rate of the cell approaches L = V p/(M ℓ² ν). With L = 1/(κ t) and the drag ν = 4/t,
-    its mass M makes its oscillation against the stiffness κ p of the packing critically damped.
+    the oscillation of a cell of mass M against the stiffness κ p of the packing is critically damped.
     """
     dim, p = state.cell.dim, pressure
     mass = critical_mass(state, p, scales)
@@ -340,10 +340,10 @@ def settle(state: State, law: Law, tolerance: float, time: float = 1.0) -> State
     Raises
     ------
     NotInEquilibriumError
-        If it does not come to rest.
+        If the state does not come to rest.
     """
     for _ in range(BLOCKS):
-        # keeps the sample of each seed unchanged, so that its known numbers remain valid
+        # keeps the sample of each seed unchanged, so that stored numbers remain valid
         state = state._replace(instant=None)
         state, _, outcome = run(state, law, BOX_STEPS, 0.2 * time, drag=0.02 / time, tolerance=tolerance)
         if outcome.ok and outcome.iterations < BOX_STEPS:
@@ -382,7 +382,7 @@ def with_machine(state: State, wall: int, stiffness: Positive) -> State:
     Parameters
     ----------
     wall : body number of a wall under a force
-    stiffness : of the machine [force/length]
+    stiffness : stiffness of the machine [force/length]
 
     Examples
     --------

@@ -30,8 +30,8 @@ NORMALS = 90  # number of band normals over half a circle, before the smallest v
 class Envelope(NamedTuple):
     """Responses to probes of M directions cos(angle) e₁ + sin(angle) e₂ in a plane of symmetric tensors.
 
-    Strain and stress are increments, compression positive, per unit strain (or stress, if that was imposed). NaN where
-    no equilibrium was found near the state.
+    Strain and stress are increments, compression positive, per unit strain (or stress, if that was imposed). They are
+    NaN where no equilibrium was found near the state.
     """
 
     angle: np.ndarray  # (M,) [rad]
@@ -39,7 +39,7 @@ class Envelope(NamedTuple):
     strain: np.ndarray  # (M, dim, dim) [1]
     stress: np.ndarray  # (M, dim, dim) [force/length^(dim−1)]
     elastic: np.ndarray  # (M, dim, dim) response if contacts at the limit stick
-    slides: np.ndarray  # (M,) contacts that slide
+    slides: np.ndarray  # (M,) number of contacts that slide
     control: str  # imposed quantity, "strain" or "stress"
 
     @property
@@ -79,7 +79,7 @@ def response_envelope(
 ) -> Envelope:
     """Probe a packing with small increments of strain or stress in all directions of a plane, by quasi-static steps.
 
-    Increments are measured from the state, whose cell may be tilted or turned; it is first brought to rest.
+    Increments are measured from the state, which is first brought to rest; its cell may be tilted or turned.
     Contacts may start or stop sliding, so the response is linear only within sectors of directions. Its elastic
     part is the response if contacts at the Coulomb limit stick.
 
@@ -94,7 +94,7 @@ def response_envelope(
     control : "strain" imposes all components of the strain, "stress" all components of the stress
     plane : two symmetric (dim, dim) tensors that span the plane; default: yy and xx for disks, yy and (xx + zz)/√2 for
         spheres, the planes of biaxial and triaxial tests along y
-    size : of the probes, in mean overlaps over diameters, at most 1
+    size : size of the probes, in mean overlaps over diameters, at most 1
 
     Raises
     ------
@@ -142,7 +142,7 @@ def response_envelope(
 
 
 def negative_ranges(angle: np.ndarray, work: np.ndarray) -> list[tuple[float, float]]:
-    """Return the ranges of angle in which the work is negative; NaN counts as negative, at the end of the last probe.
+    """Return the ranges of angle in which the work is negative; NaN counts as negative, up to the adjacent probes.
 
     Examples
     --------
@@ -251,8 +251,8 @@ def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
 class Localisation(NamedTuple):
     """Plane with the lowest resistance to a shear band: smallest determinant of the acoustic tensor n·C·n."""
 
-    normal: np.ndarray  # (dim,) of the plane
-    determinant: float  # of its acoustic tensor, over that of the isotropic tensor nearest to the elastic moduli [1]
+    normal: np.ndarray  # (dim,) normal of the plane
+    determinant: float  # of the acoustic tensor, over that of the isotropic tensor nearest to the moduli [1]
 
 
 @checked
@@ -288,7 +288,7 @@ def localisation(state: Committed, law: Law) -> Localisation:
 
 
 def _half_sphere(dim: int) -> np.ndarray:
-    """(M, dim) normals that are evenly spread over half a circle or half a sphere, there on a spiral."""
+    """(M, dim) normals evenly spread over half a circle or, along a spiral, over half a sphere."""
     if dim == 2:
         angle = np.pi * np.arange(NORMALS) / NORMALS
         return np.column_stack([np.cos(angle), np.sin(angle)])

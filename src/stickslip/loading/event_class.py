@@ -19,16 +19,16 @@ from ..solve.shear_response import margin, softest
 from ..solve.spectrum import REAL_BELOW
 from .event_path import TIME_STEP, Judge, Point, displacement
 
-EVENT_RATIO = 8.0  # between the distances from an event at which the spectrum is computed
+EVENT_RATIO = 8.0  # ratio of successive distances from an event at which the spectrum is computed
 VANISHES, STEEPEST = 0.25, 8.0  # smallest and largest exponent of a quantity that tends to zero at an event
 PROBE, TRIED = (
     1e-3,
     10,
 )  # fraction of a strain step for extrapolating forces, and number of contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, examined for a contact change
-NEAREST, ALMOST = 5, 0.99  # mobilisation above which the most mobilised sticking contacts are also tried
-RUN, SAMPLE = 20_000, 5  # steps of the run in which a growth rate is measured, and between its samples
-LOW, HIGH = 0.01, 0.5  # kinetic energies between which it is measured, over the largest one
+NEAREST, ALMOST = 5, 0.99  # number of the most mobilised sticking contacts also tried, if mobilised above this
+RUN, SAMPLE = 20_000, 5  # number of steps of a run that measures a growth rate, and of steps between its samples
+LOW, HIGH = 0.01, 0.5  # kinetic energies between which the growth rate is measured, over the largest one
 
 
 class EventKind(Enum):
@@ -48,18 +48,18 @@ class Event(NamedTuple):
     """Discontinuity of a quasi-static path; see `find_events`. Strains count from the first state."""
 
     strain: float  # upper end of the bracket [1]
-    below: float  # its lower end, the last strain before a jump or loss of stability
+    below: float  # lower end of the bracket, the last strain before a jump or loss of stability
     kind: EventKind
-    exponent: float  # p of (γ_c − γ)^p for λ_min, for pairs Re λ − (Im λ/drag)²; see `fit_power`; NaN if flat
-    exponent_error: float  # its standard error
+    exponent: float  # p of (γ_c − γ)^p for λ_min or, for pairs, Re λ − (Im λ/drag)²; see `fit_power`; NaN if flat
+    exponent_error: float  # standard error of the exponent
     distances: np.ndarray  # (K,) strains before the event, step · 8^(−k)
     softest: np.ndarray  # (K,) smallest real eigenvalue λ_min there [1/time²]
     re_pair: np.ndarray  # (K,) Re λ of the fastest-growing pair, NaN without a pair [1/time²]
     growth: np.ndarray  # (K,) growth rate |Im √λ| of that pair without drag, 0 without a pair [1/time]
-    trigger: tuple[int, int]  # grains of the contact whose sliding or opening starts the event; (−1, −1) without
+    trigger: tuple[int, int]  # grains of the contact whose sliding or opening starts the event, or (−1, −1)
     mobilisation: float  # |F_t|/(μ F_n) of that contact in the last stable state, or NaN
-    # smallest λ, for pairs Re λ − (Im λ/drag)², of the last stable state with that contact sliding or open; negative
-    # and unstable; NaN without such a contact [1/time²]
+    # smallest λ or, for pairs, Re λ − (Im λ/drag)² of the last stable state with that contact sliding or open, which
+    # is negative (unstable); NaN without such a contact [1/time²]
     switched: float  # [1/time²]
     growth_rate: float  # initial growth rate of the instability under the drag [1/time]
     stress_drop: float  # change of σ_xy over the pressure before the event; positive if −σ_xy falls
@@ -70,7 +70,7 @@ class Event(NamedTuple):
     # root mean square distance, in mean diameters, between the state at the end of the strain step and that of Newton's
     # method alone in one step; NaN if Newton's method fails
     newton_distance: float
-    broken: np.ndarray = np.zeros((0, 3), int)  # (B, 3) bonds that broke in it: grains, index in `FAILURES`
+    broken: np.ndarray = np.zeros((0, 3), int)  # (B, 3) bonds that broke in the event: grains, index in `FAILURES`
 
 
 @readable(head=lambda steps: pluralize(len(steps.strain), "strain step"))
@@ -85,7 +85,7 @@ class StrainStep(NamedTuple):
     switch: np.ndarray  # smallest λ_min if one of the most mobilised sticking contacts slid [1/time²]
     shear_stress: np.ndarray  # −σ_xy [force/length^(dim−1)]
     pressure: np.ndarray  # [force/length^(dim−1)]
-    loss_ahead: np.ndarray  # strain after which, on the linear motion, a contact is lost and leaves an unstable state
+    loss_ahead: np.ndarray  # strain at which, along the linear motion, the loss of a contact makes the state unstable
 
 
 @readable(head=lambda record: f"{pluralize(len(record.events), 'event')}; {record.end}")
@@ -94,7 +94,7 @@ class Events(NamedTuple):
 
     events: tuple[Event, ...]
     steps: StrainStep
-    state: State  # at the end of the path
+    state: State  # state at the end of the path
     drag: float  # drag of the dynamics that determine the end of an event [1/time]
     step: float  # largest strain step
     resolution: float  # largest width of a bracket
@@ -111,7 +111,7 @@ class Break(NamedTuple):
     beyond: Point | None  # unstable equilibrium at the upper end, if the branch continues
     after: Point  # where dynamics ends
     goal: float  # upper end of the bracket
-    snaps: bool = False  # whether a bond at its strength starts it
+    snaps: bool = False  # whether a bond at its strength starts the interruption
 
 
 class Profile(NamedTuple):
@@ -144,7 +144,7 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
     elif kind is EventKind.UNRESOLVED and event.beyond is not None and event.beyond.oscillates:
         kind = EventKind.PAIR
     contacts = event.last.state.contacts
-    # of the unstable equilibrium, else of the switched state, else of the motion
+    # growth rate of the unstable equilibrium, else of the switched state, else of the motion
     if event.beyond is not None:
         growth = float(event.beyond.exponents.max())
     elif values is not None:
@@ -163,7 +163,7 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
     )  # fmt: skip
     grains = (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1)
     grains = _weakest(event.last) if event.snaps else grains
-    broken = broken[np.argsort((broken[:, :2] != grains).any(axis=1), kind="stable")]  # the trigger is the first
+    broken = broken[np.argsort((broken[:, :2] != grains).any(axis=1), kind="stable")]  # the trigger is first
     return Event(
         bracket[1], bracket[0], kind, power, error, profile.distances, profile.softest, profile.re_pair,
         profile.growth, grains,
@@ -174,13 +174,13 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
 
 
 def _weakest(point: Point) -> tuple[int, int]:
-    """Grains of the bond with the largest share of its strength."""
+    """Grains of the bond with the largest load over strength."""
     bonds, first = point.state.bonds, int(bond_shares(point.state).argmax())
     return int(bonds.i[first]), int(bonds.j[first])
 
 
 def _point_at(event: Break, strain: float) -> Point | None:
-    """Point of the path at a strain, one step of Newton's method from the nearest point below it."""
+    """Point of the path at a strain, by one step of Newton's method from the nearest point below it."""
     below = [point for point in event.history if point.strain <= strain]
     if not below or below[-1].strain == strain:
         return below[-1] if below else None
@@ -215,7 +215,7 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
     Parameters
     ----------
     distances, values : (K,) from far to near
-    width : of the bracket that contains the event, in whose middle the distances end
+    width : width of the bracket that contains the event, from whose middle distances are measured
 
     Returns
     -------
@@ -239,7 +239,7 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
 
 
 def _power(x: np.ndarray, y: np.ndarray) -> float:
-    """Exponent p of 1/y = α x^(−p) + β through three points; NaN without one between ±STEEPEST."""
+    """Exponent p of 1/y = α x^(−p) + β through three points; NaN if none is between ±STEEPEST."""
     if len(x) < 3 or not (y > 0).all() or not (y[0] > y[1] > y[2]):
         return np.nan
     far, near = np.log(x[:-1] / x[1:])
@@ -270,12 +270,12 @@ def vanishes(power: float, error: float) -> bool:
 def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray] | None:
     """Contact that slides or opens within the bracket and thereby makes the last stable state unstable.
 
-    Contacts that reach the Coulomb limit, or open, follow from the linear motion ahead. The first one with which the
-    Jacobian of the last stable state has a growing mode is the trigger: the switch test.
+    Contacts that reach the Coulomb limit, or open, follow from the linear motion ahead. In this switch test, the
+    trigger is the first one whose sliding or opening gives the Jacobian of the last stable state a growing mode.
 
     Returns
     -------
-    kind, row of the contact in the list, eigenvalues with that contact sliding or open; None without such a contact
+    kind, row of the contact in the list, eigenvalues after it slides or opens; None if there is no such contact
     """
     response, drag = last.response, last.judge.drag
     for row, mode in dict.fromkeys([*_upcoming(last, upper), *((int(k), SLIDE) for k in response.sticking(NEAREST))]):

@@ -30,22 +30,22 @@ from ..solve.newton import Factorisation, newton
 from ..solve.shear_response import PRUNE, Response, damped_exponents, root_mean_square, support
 from .settling import SIMPLE, Deformation
 
-BEND = 0.05  # distance of a step from the motions predicted at its ends, over the larger of them, in a continuous path
+BEND = 0.05  # largest distance of a motion from those predicted at its ends, over the larger, on a continuous path
 JUMP = 10.0  # motion over its prediction in a bracket, above which it is a jump
 TINY = 1e-4  # overlap that replaces the mean in a cemented packing without overlaps, over the mean diameter
 UNLOADED = 1e-3  # force that replaces the mean in a cemented packing at rest, over the natural one
 STILL = 1e-7  # displacement below which there was no jump, in mean overlaps
 BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
 ITERATIONS, PATIENCE = 30, 3  # largest number of Newton steps, and of those that leave more than half of the residual
-RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which Newton's method follows dynamics, over the mean normal force
-KICK = 1e-3  # largest displacement along a growing mode from which dynamics starts, in mean overlaps
-LEFT = 10.0  # distance from an unstable equilibrium at which it counts as left, over that of the start
+RESTING = (1e-6, 1e-8, 1e-10)  # residuals, over the mean normal force, at which Newton's method follows dynamics
+KICK = 1e-3  # largest displacement along a growing mode at the start of dynamics, in mean overlaps
+LEFT = 10.0  # distance from an unstable equilibrium, over that of the start, at which it counts as left
 TIME_STEP = 0.2  # time step of dynamics, in units of the longest stable one
 MOST_STEPS = 500_000  # largest number of steps of dynamics
-# dynamics from an unstable equilibrium: times of growth, then of decay, and steps at most
+# dynamics from an unstable equilibrium: e-foldings of growth, then of decay, and largest number of steps
 E_FOLDS, DECAYS, MOST_KICKED = 40.0, 1000.0, 200_000
 AROUND = 0.3  # distance from an equilibrium about which a packing oscillates endlessly, in mean overlaps
-MOST_DEPARTURES = 5  # from one unstable equilibrium to another
+MOST_DEPARTURES = 5  # largest number of departures from one unstable equilibrium to another
 GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest frequency
 
 
@@ -194,7 +194,7 @@ class Point:
 def commit(state: State, law: Law) -> State:
     """State with the memory of its contacts committed, each in its mode under a given law.
 
-    Contacts of packings made without friction are marked as sliding without slip, which is meaningless under a law with
+    Contacts of packings made without friction are marked as sliding without slip, which means nothing under a law with
     friction.
     """
     here = with_neighbor_list(state, law)
@@ -204,7 +204,7 @@ def commit(state: State, law: Law) -> State:
 def mean_overlap(state: State) -> float:
     """Mean overlap of touching contacts [length]; zero without contacts.
 
-    Without overlaps in a cemented packing, 1e-4 mean diameters.
+    For a cemented packing without overlaps, the result is 1e-4 mean diameters.
     """
     rows, contacts = touching(state), state.contacts
     if not len(rows):
@@ -287,7 +287,7 @@ def depart(point: Point) -> tuple[Point | None, bool]:
 def fall(point: Point, strain: float) -> Point | None:
     """Point to which dynamics leads from the state of another point at an advanced strain.
 
-    If dynamics does not come to rest, the result is the equilibrium about which it oscillates, or None without one.
+    If dynamics does not come to rest, the result is the equilibrium about which it oscillates; None if there is none.
     """
     end, rested = point.judge.rest(point.strained_to(strain))
     if rested:
@@ -313,23 +313,23 @@ def settle(point: Point) -> Point:
 
 COUPLED = 0.5  # overlap of the modes of two real eigenvalues above which these are followed
 SAME = 0.05  # largest relative change of their mean from one step to the next
-WINDOWS = (3, 4, 5, 6)  # number of steps from which the strain of an event is extrapolated
+WINDOWS = (3, 4, 5, 6)  # numbers of steps from which the strain of an event is extrapolated
 FAR = 6.0  # number of strain steps beyond which no forecast is made
 LEVEL = 0.8  # level of the intervals
 SADDLE, PAIR, CONTACT = "softest eigenvalue", "gap of two real eigenvalues", "motion of contacts ahead"
-# Quantiles of ln(strain left / extrapolated strain left) where the event occurred; together with the scatter of the
-# windows they contain LEVEL of the events: of packings that `python -m benchmarks forecast` does not use, and of the
-# saddle nodes of packings with even numbers in the reference catalogue
+# Quantiles of ln(strain left / extrapolated strain left) where the event occurred. Widened by the scatter of the
+# windows, the intervals contain LEVEL of the events in packings that `python -m benchmarks forecast` does not use; for
+# saddle nodes, these are the packings with even numbers in the reference catalogue
 CALIBRATED = {SADDLE: (-1.0, 0.1, 1.4), PAIR: (-0.7, 0.4, 1.7), CONTACT: (-0.45, -0.03, 0.9)}
 
 
 class Signs(NamedTuple):
-    """Series along a path since its last event; strains count upwards."""
+    """Series along a path since its last event, with strains that increase on every path."""
 
     strain: np.ndarray  # (S,)
     softest: np.ndarray  # (S,) smallest real eigenvalue [1/time²]
     loss_ahead: np.ndarray  # (S,) strain to the loss of a contact that causes instability
-    couples: list[np.ndarray]  # (K, 3) of each step: mean eigenvalue, squared gap, overlap of coupled real modes
+    couples: list[np.ndarray]  # for each step, (K, 3) mean eigenvalue, squared gap, overlap of coupled real modes
     pairs: np.ndarray  # (S,) complex pairs
     events: np.ndarray  # (E,) strains of all events so far
 
@@ -365,7 +365,7 @@ class Forecast(NamedTuple):
 def forecast(signs: Signs) -> list[Forecast]:
     """Forecasts of the next event and the next pair from the last steps of a path, where signs of them exist.
 
-    For events, it is the earlier of a saddle node and the loss of a contact.
+    An event is forecast as a saddle node or as the loss of a contact, whichever is earlier.
     """
     if not len(signs.strain):
         return []

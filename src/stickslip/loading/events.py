@@ -29,11 +29,11 @@ from .event_path import (
 from .packing import reduced_cell
 from .settling import Deformation, Mode, deformation
 
-SMALLEST = 0.02  # displacement of an event, in mean overlaps
-FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
-MOST_STEPS = 1_000_000  # strain steps of a search
+SMALLEST = 0.02  # smallest displacement of an event, in mean overlaps
+FINER = 1024  # width of a bracket over that of the finer bracket, from which distances to an event are measured
+MOST_STEPS = 1_000_000  # largest number of strain steps of a search
 TRIALS = 200  # largest number of steps to find the finer bracket
-THOROUGH = 4  # step, in widths of a bracket, up to which Newton's method may converge slowly
+THOROUGH = 4  # largest step, in widths of a bracket, for which Newton's method may converge slowly
 SWITCHED = 5  # number of most mobilised sticking contacts tried in the switch test of each strain step
 SKEW = 0.5  # shear of the cell at which it is replaced by a less skewed one
 
@@ -49,11 +49,11 @@ def find_events(
     """Shear or compress a packing quasi-statically and find the discontinuities of its path.
 
     The path is followed by Newton's method. A step counts as continuous if it ends at an equilibrium that is stable
-    under the drag and if the grains moved as the linear responses at both ends predict. Any other step is divided in
-    halves, down to `resolution`; from the last stable state, dynamics with the drag then determines the next state. If
-    this is not a continuation of the path, there is an *event*; `EventKind` and `Event` list its properties. Breaks of
-    bonds are also events: the path ends where the first bond is at its strength. That bond breaks, and dynamics
-    determines the next state; others may break on the way.
+    under the drag and if the grains moved as the linear responses at both ends predict. Any other step is halved
+    repeatedly, down to `resolution`; from the last stable state, dynamics with the drag then determines the next state.
+    If this is not a continuation of the path, there is an *event*; `EventKind` and `Event` list its properties. Breaks
+    of bonds are also events: where the first bond reaches its strength, it breaks, and dynamics determines the next
+    state; other bonds may break on the way.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def _check(to: float, step: float, resolution: float) -> None:
 
 
 def first_point(state: State, law: Law, drag: float, prune: float, way: Deformation) -> Point:
-    """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
+    """Given state at rest under the law; contacts of a packing made without friction are first made to stick."""
     here = commit(state, law)
     if not len(touching(here)):
         raise ValueError("the packing has no contacts and carries no load: compress it first")
@@ -158,7 +158,7 @@ class Search:
 
     def __init__(self, point: Point, step: float, resolution: float, smallest: float):
         self.point, self.step, self.resolution = point, step, resolution
-        self.least = smallest * point.judge.overlap  # displacement of an event
+        self.least = smallest * point.judge.overlap  # smallest displacement of an event
         self.events: list[Event] = []
         self.history = [point]  # since the last event
         self.loss: Break | None = None  # strain at which stability was lost, if the path continued

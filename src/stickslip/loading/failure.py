@@ -40,15 +40,15 @@ MOST_STEPS = 100_000
 COUPLES = 8  # pairs of coupled real modes that are stored at each step
 TRIED, DECISIVE = 25, 5  # numbers of contact changes whose spectrum is computed, and of those reported
 CHANGES = ("opens", "closes", "starts to slide", "sticks again")
-TO_BREAK = 20  # most steps that lead to the first break by linear response, where the step is not given
+TO_BREAK = 20  # least number of default steps up to the first break by linear response
 
 
 @readable(head=lambda step: f"strain {step.strain:.6g}, {pluralize(step.pairs, 'complex pair')}")
 class PathStep(NamedTuple):
     """End of a strain step, an equilibrium, with the changes during the step."""
 
-    strain: float  # from the first state, negative if it falls [1]
-    stress: float  # does work on the strain: −σ_xy, (σ_yy − σ_xx)/2, pressure or σ_yy [force/length^(dim−1)]
+    strain: float  # strain since the first state, negative if it falls [1]
+    stress: float  # stress conjugate to the strain: −σ_xy, (σ_yy − σ_xx)/2, pressure or σ_yy [force/length^(dim−1)]
     pressure: float  # [force/length^(dim−1)]
     pairs: int  # complex pairs
     growth: float  # growth rate |Im √λ| of the fastest pair without drag, 0 without a pair [1/time]
@@ -60,11 +60,11 @@ class PathStep(NamedTuple):
     loss_ahead: float  # strain at which the linear motion loses a contact and becomes unstable
     couples: np.ndarray  # (K, 3) coupled real modes: mean eigenvalue [1/time²], squared gap [1/time^4], overlap [1]
     changes: np.ndarray  # (C, 3) change of a contact since the last step, index in CHANGES, and its two grains
-    events: tuple[Event, ...]  # discontinuities since the last step; their strains count upwards
+    events: tuple[Event, ...]  # discontinuities since the last step; strains without the sign of the path
     tolerated: bool  # the spectrum is unstable, but dynamics stays near this state
     state: State
     bonds: int = 0  # intact bonds
-    bond_share: float = 0.0  # largest share of its strength that a bond carries
+    bond_share: float = 0.0  # largest load of a bond over its strength
 
     @property
     def verdict(self) -> str:
@@ -84,7 +84,7 @@ class PairLife(NamedTuple):
     died_above: float
     growth: float  # largest growth rate [1/time]
     at: float  # strain of the largest growth rate
-    event: bool  # whether an event lies in one of these brackets: the pair then began or ended with the jump
+    event: bool  # whether an event lies in one of these brackets: then the pair began or ended with its jump
 
 
 @readable
@@ -96,7 +96,7 @@ class DecisiveContact(NamedTuple):
     what: str  # "opens" or "slides"
     mobilised: float  # |F_t|/(μ F_n), NaN without friction
     growth: float  # growth rate after this change [1/time]
-    verdict: str  # after it
+    verdict: str  # verdict after this change
 
 
 @readable(head=lambda found: found.end)
@@ -113,7 +113,7 @@ class Failure(NamedTuple):
     pairs: tuple[PairLife, ...]
     onset: Change | None  # bracket of the first complex pair
     decisive: tuple[DecisiveContact, ...]  # contacts of the last state on which its growth depends most
-    verdict: str  # on the last state
+    verdict: str  # verdict on the last state
     reason: str  # reason why the path ended
 
     @property
@@ -270,7 +270,7 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
         if not (np.isfinite(until) and until):
             raise ValueError(f"until must be a nonzero strain, first-pair, first-event or first-break, got {until:g}")
         if limit is not None or reverse:
-            raise ValueError("limit and reverse do not apply if until is a strain, whose size and sign state both")
+            raise ValueError("limit and reverse do not apply if until is a strain, whose size and sign replace them")
         limit, reverse = abs(until), until < 0
     sign = -1 if reverse else 1
     way = deformation(mode, 2 if state.cell.dim == 2 else 3, sign)
@@ -302,7 +302,7 @@ def _reached(until: str | float, steps: list[PathStep]) -> str:
     if _fell_apart(now):
         return "the packing fell apart and no longer carries any load"
     if until == "first-pair" and now.pairs:
-        return "the packing has a complex pair" + (" where it is" if len(steps) == 1 else "")
+        return "the packing has a complex pair" + (" in its present state" if len(steps) == 1 else "")
     if until == "first-break" and (lost := [row for event in now.events for row in event.broken]):
         return "a bond broke: that of grains {} and {}, by {}".format(*lost[0][:2], FAILURES[lost[0][2]])
     if until == "first-event":
@@ -389,7 +389,7 @@ def _changes(a: Point, b: Point) -> np.ndarray:
 
 
 def _touching_pairs(state: State) -> Iterator[tuple[int, tuple[int, int, int]]]:
-    """Yield rows of touching contacts with their grains and the number among the contacts of the same grains.
+    """Yield rows of touching contacts with their grains and their number among the contacts of the same grains.
 
     Images are not suitable keys: they change with the choice of a less skewed cell.
     """

@@ -21,9 +21,9 @@ from ..data.exchange.force_network import MeasuredForces, read_forces, unit_bran
 from ..data.sample import PackingError, from_arrays, law_note, naming, with_one_account
 from ..solve.inversion import nearest_point, overlap_of_force, slip_of_force
 
-STEPS, SETTLED = 100, 1e-8  # linearisations, and largest last change over the errors
-# a step longer than this fraction of the last one changes all later ones: they are halved, down to a quarter, if it
-# turns back, and doubled, up to four times, if it goes on
+STEPS, SETTLED = 100, 1e-8  # most linearisations, and largest change in the last one over the errors
+# after a step longer than this fraction of the previous one, steps are halved (down to a quarter) if it turned back,
+# and doubled (up to four times) if it went on
 FALLS, SHORTEST, LONGEST = 0.7, 1 / 4, 4.0
 LEAST_ERROR = 1e-5  # smallest estimated error over the mean radius or force
 FAR, NEAR = 5.0, 8.0  # errors beyond which a measurement is impossible, and within which grains may touch
@@ -43,9 +43,9 @@ class Adjustment(NamedTuple):
     position_error: float  # mean error of a coordinate, given or estimated [length]
     force_error: float  # mean error of a normal force, given or estimated [force]
     largest_move: float  # largest displacement of a coordinate
-    rms_move: float  # of all coordinates
-    largest_force: float  # change of a normal or tangential force
-    rms_force: float  # of all forces
+    rms_move: float  # root mean square over all coordinates
+    largest_force: float  # largest change of a normal or tangential force
+    rms_force: float  # root mean square over all forces
     at_limit: int  # contacts at the Coulomb limit
     moved_to_limit: int  # of these, contacts measured beyond the limit
     opened: tuple[tuple[int, int], ...]  # grains of contacts that carry no force in the balanced state
@@ -53,8 +53,9 @@ class Adjustment(NamedTuple):
     def __str__(self) -> str:
         return (
             f"balanced by moving coordinates by at most {self.largest_move:.2g} errors (rms {self.rms_move:.2g}; one "
-            f"is {self.position_error:.3g}) and forces by at most {self.largest_force:.2g} (rms {self.rms_force:.2g}; "
-            f"one is {self.force_error:.3g}); chi² is {self.chi_square:.4g} for {self.degrees} degrees of freedom; "
+            f"error is {self.position_error:.3g}) and forces by at most {self.largest_force:.2g} (rms "
+            f"{self.rms_force:.2g}; one error is {self.force_error:.3g}); chi² is {self.chi_square:.4g} for "
+            f"{self.degrees} degrees of freedom; "
             f"contacts at the Coulomb limit: {self.at_limit}, {self.moved_to_limit} of them measured beyond it; "
             f"opened: {len(self.opened)}"
         )
@@ -68,9 +69,9 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
     balance, overlap and slip of each contact follow from its forces by the law, no contact exceeds the Coulomb limit or
     pulls, and no other grains overlap. The equations are linearised repeatedly until convergence; each linear problem
     is solved by an interior-point method. Contacts whose force vanishes open. Held grains need not balance, but their
-    positions are measured quantities like all others. Unknown errors are estimated: of positions from the gaps at
-    contacts, of forces from the imbalance of free grains; chi² is then of little significance. Tangential forces of
-    spheres turn with the branch vector of their contact, and errors are those of each component.
+    positions are measured quantities like all others. Unknown errors are estimated, those of positions from the gaps at
+    contacts, and those of forces from the imbalance of free grains; chi² is then of little significance. Tangential
+    forces of spheres turn with the branch vector of their contact, and each component has the given error.
 
     Parameters
     ----------
@@ -232,7 +233,7 @@ class _Network(NamedTuple):
         return a, a @ change - np.concatenate(values[:3]), g, g @ change - np.concatenate(values[3:])
 
     def bearing(self, change: np.ndarray) -> np.ndarray:
-        """(D (N + C),) mask without tangential forces of contacts about to open, whose directions do not converge."""
+        """(D (N + C),) mask; False for tangential forces of contacts about to open: their directions do not converge"""
         m = self.measured
         bears = self.at(change)[1] > 2 * self.least
         return np.concatenate([np.ones(m.position.size + len(bears), bool), np.repeat(bears, m.dim - 1)])
@@ -357,7 +358,7 @@ class _Directions(NamedTuple):
 
     @property
     def levers(self) -> np.ndarray:
-        """(C, 1 or 3, D − 1) torques on both grains, over their radii, by unit tangential forces: −n × t."""
+        """(C, 1 or 3, D − 1) torques of unit tangential forces on both grains, over their radii: −n × t."""
         if self.normal.shape[1] == 2:
             return np.ones((len(self.normal), 1, 1))
         return -np.cross(self.normal[:, None], self.across).transpose(0, 2, 1)

@@ -1,4 +1,4 @@
-"""Initial packings, a row of disks and jammed disks and spheres; simple shear and reduced cells."""
+"""Initial packings: a row of disks, and jammed disks or spheres; simple shear and reduced cells."""
 
 from typing import NamedTuple
 
@@ -107,7 +107,7 @@ class PackingInfo(NamedTuple):
     contacts: int
     coordination: float  # mean number of contacts of grains that are not rattlers [1]
     rattlers: int
-    overlap: float  # mean over contacts [length]
+    overlap: float  # mean overlap of contacts [length]
     residual: float  # largest unbalanced force or torque/R [force]
     sliding: int  # contacts at the Coulomb limit
     largest_overlap: float  # [length]
@@ -129,7 +129,7 @@ def jammed(
 ):
     """Frictionless jammed packing in a periodic box, quenched from random positions; reproducible from its seed.
 
-    The energy is minimised by SciPy's L-BFGS-B, from 2000 grains on by FIRE, then the forces are balanced by
+    The energy is minimised by SciPy's L-BFGS-B or, from 2000 grains on, by FIRE; then the forces are balanced by
     `equilibrate`. A given pressure is reached by repeated affine compression (or expansion) and quenching.
 
     Source of FIRE: Bitzek et al., doi:10.1103/PhysRevLett.97.170201.
@@ -254,14 +254,14 @@ def random_grains(
 
 
 def check_radii(radius, n: int) -> np.ndarray:
-    """Radii of n grains, from one, a few with equal numbers of grains, or n of them."""
+    """Radii of n grains, from one radius, a few that equal numbers of grains have, or n radii."""
     if n < 2:
         raise ValueError(f"a packing needs at least 2 grains, got n = {n}")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     n = int(n)
     sizes = np.atleast_1d(np.asarray(radius, float))
     if sizes.ndim != 1 or len(sizes) > n or not ((sizes >= 1e-100) & (sizes <= 1e100)).all():
-        got = f"{radius} was" if np.ndim(radius) == 0 else f"{len(sizes)} numbers from {sizes.min():g} were"
+        got = f"{radius}" if np.ndim(radius) == 0 else f"{len(sizes)} numbers from {sizes.min():g}"
         raise ValueError(f"radius must be one, a few, or {n} positive numbers, got {got}")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
 
@@ -322,7 +322,7 @@ def _compress(state: State, law: Law, wanted: float, tolerance: float | None) ->
     """Compress and quench until the given pressure is reached; p^(2/3) is nearly linear in the strain."""
     dim, strain, step, before = state.cell.dim, 0.0, -0.003, None
     reference, scales = state, natural_scales(state, law)
-    unit = scales.force / scales.length ** (dim - 1)  # of pressure
+    unit = scales.force / scales.length ** (dim - 1)  # unit of pressure
     for _ in range(60):
         now = pressure(state, law) if _is_jammed(state, law, tolerance) else 0.0
         if abs(now / wanted - 1) < 1e-6:

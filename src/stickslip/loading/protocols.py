@@ -29,7 +29,7 @@ CHANGED = 0.01  # relative change of Im λ of the fastest pair beyond which the 
 FUNNEL = (1e-17, 1e-13)  # range of M, in the same unit, in which single turns of trajectories are saved
 LEAST, DURATION, STEP, VELOCITY = 5e4, 6e5, 0.1, 1e-13  # defaults of `release`, in natural units
 TURN, TURNS = 11, 16  # samples per turn, turns per chunk
-KEPT = 20_000  # samples of a time series that are saved
+KEPT = 20_000  # largest number of saved samples of a time series
 
 
 @readable
@@ -144,11 +144,11 @@ def ramp(
 ) -> list[Equilibrium]:
     """Equilibria along a path of loads, each found from the previous one.
 
-    Loads of `aqs` are strains measured from the given state, so the path starts there at 0 for any tilt of its
-    cell; a path whose first load is the strain of its cell continues from there. Other loads are absolute, such as
-    forces. A moving state is first brought to rest.
+    Loads of `aqs` are strains measured from the given state, which is at strain 0 for any tilt of its cell. If the
+    first load is the strain of the cell, however, the path continues from this strain. Other loads are absolute, such
+    as forces. A moving state is first brought to rest.
 
-    `report` is called as report(stage, share done, text) after each.
+    `report` is called as report(stage, share done, text) after each equilibrium.
     Equilibria saved in `kept` are loaded instead of computed. The continued path then agrees with an uninterrupted
     one to within the tolerance of the solver.
     """
@@ -506,7 +506,7 @@ def release(
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    # number of chunks of the growth; a longer run appends the same number. Entries: samples per chunk
+    # number of chunks of the growth; a longer run appends as many. `chunks` has the samples of each chunk
     count = max(20, snapshots)
     chunks = [max(1, int(min(e_folds / rate, duration) / dt / every / count))] * count
     rest = int(min(least, duration) / dt / every) - sum(chunks)

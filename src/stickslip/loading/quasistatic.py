@@ -28,7 +28,7 @@ from .settling import Deformation, Mode, deformation
 
 STEADY = 0.2  # relative change of the motion per strain between steps below which no other check is needed
 LOOSE = 0.2  # the same for the deviation of a step's motion from the linear prediction
-HALVINGS = 4  # for steps in which grains do not move as the linear responses predict
+HALVINGS = 4  # largest number of halvings of a step in which grains do not move as linear responses predict
 BALANCED = 1e-9  # under a stress: default tolerance, in units of the normal force on a grain
 
 
@@ -153,7 +153,7 @@ class Watch:
         return Judge(state, self.law, self.drag or 0.0, slip=self.slip, way=self.way(state))
 
     def _follow(self, start: State, point: Equilibrium, left: bool) -> tuple[Equilibrium, bool]:
-        """Equilibrium reached by damped dynamics, and whether it is a different one."""
+        """Equilibrium reached by damped dynamics, and whether it differs from the given one."""
         way = self.way(start)
         start, begin, goal = commit(start, self.law), way.place(start), way.place(point.state)
         judge = self._judge(start)
@@ -262,7 +262,7 @@ def cell_shear(law: Law, normal_stress: Positive, *, tolerance: Positive = BALAN
 def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> Protocol:
     """Protocol of shear by a plate: the load is its force along x over the force that presses it along −y.
 
-    It is absolute: the force replaces any previous one along x.
+    The load is absolute: the force replaces any previous one along x.
 
     Parameters
     ----------
@@ -364,7 +364,7 @@ def inflate(
 
 
 def _steps(here: LinearisedState, grown: np.ndarray, growths: np.ndarray, tolerance) -> tuple[State, list]:
-    """State at the end of steps, and numbers of contacts that opened, closed, began and stopped sliding in each."""
+    """State at the end of steps; numbers of contacts that opened, closed, began and stopped sliding in each step."""
     state, radius, keep, changes = here.state, here.state.grains.radius, Factorisation(), []
     before = _modes(here, state)
     for growth in growths:

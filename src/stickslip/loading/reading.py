@@ -41,13 +41,13 @@ def read_packing(path: str | Path, **options) -> Reading:
     law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None; `law`
         may also be a Law or a Python file. They take precedence over the law in the file. LAMMPS data and dump files
         contain no law; to read contacts from a dump, give all of its parameters
-    parameters : dict, other parameters of that law, such as {"work": 1e-3} of jkr, or those of a Python file
+    parameters : dict, other parameters of the law, such as {"work": 1e-3} of jkr, or those of a Python file
     i0 : float, moment of inertia I0 m R²
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
         in a dump; the last one by default, except in archives
     contacts : path of the `dump local` that belongs to the grains and provides their memory, of the table of measured
         forces (see `read_forces`), or of a table of bonds with columns i, j, kn, ks … (YADE) or pb_kn, pb_ks … (PFC)
-    columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not detected correctly from their contents
+    columns : names of the columns of that table, i j dist dx dy dz fx fy fz tx ty tz, if not detected correctly
     boundary : three letters as in LAMMPS, such as ppf, if the file does not state the periodic directions
     atom_style : as in LAMMPS, such as "sphere" or "hybrid sphere bond", if a data file does not name it
 
@@ -114,7 +114,7 @@ def convert(
     ----------
     modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
     overwrite : True if existing files may be replaced; input files are never replaced
-    options : of `read_packing`
+    options : as in `read_packing`
 
     Returns
     -------

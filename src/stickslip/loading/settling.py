@@ -31,7 +31,7 @@ LEVELS = (1e-2, 1e-3, 1e-4)
 REST, MORE = (
     1e-6,
     20_000,
-)  # if it fails at all of them: the force at which dynamics ends, and its largest number of steps
+)  # if it fails at all of them: the force at which dynamics ends, and the largest number of time steps
 SETTLING_DRAG = 2.0  # drag times the time scale: the softest motions come to rest soonest at critical drag
 OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two checks of the forces, and largest number in a load step
@@ -174,7 +174,7 @@ class SlowRun(NamedTuple):
     """Slow run over T load steps."""
 
     time: float  # duration of a whole leg [time]
-    load: np.ndarray  # (T,) in legs, at the end of each step
+    load: np.ndarray  # (T,) load at the end of each step, in legs
     states: tuple[State, ...]
     kinetic_energy: np.ndarray  # (T,) largest during each step [energy]
 

@@ -30,15 +30,15 @@ from ..solve.balance import BALANCED_BELOW, force_imbalance, linearised, motion_
 from .packing import reduced_cell, wrapped
 from .protocols import Equilibrium, Protocol, perturbed
 
-KICK_LEGS = 40  # parts of a run, after each of which sliding is checked
-WINDOWS = 4  # parts of a duration, in each of which a lasting run moves by a part of the distance
-FAR = 8  # periodic boxes across which pairs are listed before grains are put back into the cell, of 64 at most
+KICK_LEGS = 40  # number of parts of a run; sliding is checked after each
+WINDOWS = 4  # number of parts of a duration; in each, a lasting run moves by a part of the distance
+FAR = 8  # grains are put back into the cell when a pair is this many periodic boxes apart; the limit is 64
 SLOWING = 0.95  # travel in the last window over that in the first, below which a sample still slows down
-KICKS = (1e-13, 1e-4)  # default, in natural units
+KICKS = (1e-13, 1e-4)  # default kicks, in natural units
 SLID = 0.1  # distance that counts as sliding, as in `travel`
-FINE, WIDTHS = 60, 80  # thresholds between two loads, and widths, at which the likelihood is evaluated
+FINE, WIDTHS = 60, 80  # numbers of thresholds between two loads, and of widths, in the table of the likelihood
 BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in their range
-DROP = 1.92  # of the log-likelihood at the ends of an interval of 95 % (half of the quantile 3.84 of χ² with 1 degree)
+DROP = 1.92  # drop of the log-likelihood at the ends of a 95 % interval (half of the quantile 3.84 of χ² with 1 degree)
 
 
 @readable(head=lambda threshold: "; ".join(threshold.sentences))
@@ -51,15 +51,15 @@ class KineticThreshold(NamedTuple):
     runs: np.ndarray  # (L, K) number of runs
     lifetime: np.ndarray  # (L, K) median over all runs of the time until they had slid; NaN unless most slid [time]
     threshold: np.ndarray  # (K,) load at which half of the runs slide; NaN if the loads do not bracket it
-    interval: np.ndarray  # (K, 2) of 95 % by the likelihood ratio; infinite where the loads do not bound it
-    width: np.ndarray  # (K,) of the logistic curve 1/(1 + exp(−(load − threshold)/width))
-    arrest: np.ndarray  # (R, 2) for each ramp down, load at which the sample stopped (−inf: none) and the one above
-    first_pair: float  # smallest load on the path with a complex pair; NaN without
-    first_limit: float  # smallest load on the path at which a contact is at the Coulomb limit; NaN without
+    interval: np.ndarray  # (K, 2) 95 % interval by the likelihood ratio; infinite where the loads do not bound it
+    width: np.ndarray  # (K,) width of the logistic curve 1/(1 + exp(−(load − threshold)/width))
+    arrest: np.ndarray  # (R, 2) load at which the sample stopped in each ramp down (−inf: none), and the next above
+    first_pair: float  # smallest load on the path with a complex pair; NaN if there is none
+    first_limit: float  # smallest load on the path at which a contact is at the Coulomb limit; NaN if there is none
     duration: float  # duration of a run [time]
     distance: float  # distance that counts as sliding, as in `travel`
     lasting: np.ndarray  # (L, K) number of runs that lasted: they slid and continued for another `duration`
-    lasting_threshold: np.ndarray  # (K,) as `threshold`, for runs that last: the kinetic threshold proper
+    lasting_threshold: np.ndarray  # (K,) the same for runs that last: the kinetic threshold proper
     lasting_interval: np.ndarray  # (K, 2)
     lasting_width: np.ndarray  # (K,)
 
@@ -151,15 +151,15 @@ def kinetic_threshold(
     kicks : (K,) standard deviations of random initial velocities; default: 1e-13 and 1e-4 smallest diameters per
         natural unit of time (see `relax`) [length/time]
     realizations : number of runs for each load and kick
-    duration, dt : of a run [time]; a run that slides continues for another duration
+    duration, dt : duration and time step of a run [time]; a run that slides continues for another duration
     loads : loads of the path to be tried; default: all
     distance : distance that counts as sliding: shear strain of a cell whose shear follows a stress; or else
     displacement of a plate (rigid groups that are free to move) in mean diameters; or else median displacement of all
     grains
-    ramps : largest number of lasting runs, at the highest load that has any, whose load is then lowered through the
-    tried loads. Each load acts for a duration, or longer while the sample slows down. The sample has stopped unless it
-    slides throughout, like a run that lasts
-    drag : of all runs [1/time]
+    ramps : largest number of ramps. Each starts from a lasting run at the highest load that has any, and lowers the
+    load through the tried loads. Each load acts for one duration, or longer while the sample slows down. The sample has
+    stopped unless it slides throughout, like a run that lasts
+    drag : drag in all runs [1/time]
     kept : storage of finished runs, which are not repeated
     report : called as report(stage, share done, text)
 
@@ -344,7 +344,7 @@ def travel(start: State, end: State) -> float:
     """Distance by which a sample has slid.
 
     This is the shear strain of the cell if its shear follows a stress. Otherwise it is the displacement of rigid groups
-    that are free to move, such as a plate, or without these the median displacement of all grains, in mean diameters.
+    that are free to move, such as a plate, or if there are none, the median one of all grains, in mean diameters.
     """
     control, count = start.control, len(start.grains.radius)
     shear = control.cell_free & ~np.eye(3, dtype=bool)

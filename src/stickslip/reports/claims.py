@@ -25,7 +25,7 @@ VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, REFUTED, NOT_REFUTED, UNDECIDED,
 IS, CAN, ALWAYS = "is", "can", "always"  # kinds of statements: true in this case, possible, true in every case
 DECISIVE = 2.0  # distance to the band in standard errors, above which a number is not reproduced
 FACTOR = 0.5  # tolerances from this value on are factors in both directions; below it, bands are symmetric
-NEGLIGIBLE = 5e-4  # relative error below which it does not show in the three digits of a table
+NEGLIGIBLE = 5e-4  # relative error below which an error does not show in the three digits of a table
 ROUND_OFF = 1e-12  # relative slack at the edges of a band: 1.1 − 1.0 is more than 0.1 in floating point
 
 Value = float | bool | list | None
@@ -34,7 +34,7 @@ Value = float | bool | list | None
 class Claim(NamedTuple):
     """One row of a claims table.
 
-    `paper` is the printed value at `source`: True for a statement, None without one. `reference` is any
+    `paper` is the printed value at `source`: True for a statement, None if there is no value. `reference` is any
     other value to compare with, and `reference_source` its origin. `error` is one standard error of a number, 0 if the
     number is deterministic, and None if it is unknown or does not apply. `tolerance` is relative.
     """
@@ -224,8 +224,8 @@ def note_quick_run(claims: list[Claim]) -> list[Claim]:
 def standard_error(values) -> float | None:
     """Standard error of a mean, widened by Student's t for few values.
 
-    It is half of the half-width of a 95 % confidence interval. None with fewer than two values, since a single
-    realisation has no known error.
+    It is half of the half-width of a 95 % confidence interval. With fewer than two values, the result is None, since a
+    single realisation has no known error.
     """
     if len(values) < 2:
         return None
@@ -284,7 +284,7 @@ MEANING = {
     UNDECIDED: "the error is too large or unknown; not measured; possible, but not observed",
     NO_REFERENCE: "the paper prints nothing to compare with",
 }
-WIDE = 120  # number of columns from which each line includes the content of the figure
+WIDE = 120  # smallest number of columns at which each line includes the content of the figure
 
 
 def write_claims(
@@ -338,7 +338,7 @@ def chart_rows(claims: list[Claim], shows: Shows) -> "list[Row]":
 def deviation(target, measured, tolerance: float, error: float | None) -> tuple[tuple[float, ...], float]:
     """Return the deviations of numbers and their errors, in units of the tolerance.
 
-    Empty for statements and missing values.
+    There are no deviations for statements and missing values.
     """
     if measured is None or target is None or isinstance(target, bool):
         return (), 0.0

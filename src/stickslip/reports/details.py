@@ -1,6 +1,6 @@
 """Details of `stickslip stability`: participation ratios, moduli, transient growth, decisive contacts (`--more`).
 
-Also the bonds of a packing: which ones decide, and which break first under strains.
+For packings with bonds, the details include the decisive bonds, and those that break first under strains.
 """
 
 from typing import NamedTuple
@@ -160,7 +160,7 @@ class BondDetails(NamedTuple):
     """Computed quantities, or the reason why they could not be computed."""
 
     decisive: DecisiveBonds | str
-    breaks: dict[tuple[str, int], FirstBreak] | str  # by mode of deformation and sign
+    breaks: dict[tuple[str, int], FirstBreak] | str  # first breaks, by mode of deformation and sign
 
 
 def compute_bonds(state: State, law: Law) -> BondDetails:
@@ -179,7 +179,7 @@ def _first_breaks(state: State, law: Law) -> dict[tuple[str, int], FirstBreak]:
 
 
 def bonds_dict(found: BondDetails) -> dict:
-    """Return them for JSON: null for quantities with an entry in `reasons`."""
+    """Return the details of bonds for JSON: null for quantities with an entry in `reasons`."""
     decisive, breaks = found
     return {
         "decisive": None if isinstance(decisive, str) else {
@@ -205,7 +205,7 @@ def bonds_dict(found: BondDetails) -> dict:
 
 
 def show_bonds(found: BondDetails) -> None:
-    """Print them."""
+    """Print the details of bonds."""
     decisive, breaks = found
     if isinstance(decisive, str):
         console.print(f"\ndecisive bonds: none, {decisive}")

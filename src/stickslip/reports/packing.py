@@ -33,7 +33,7 @@ if TYPE_CHECKING:  # needed by a few options only, otherwise not loaded
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
 UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
-SHOWN = 12  # pairs listed in the table, and pairs of materials
+SHOWN = 12  # largest number of listed pairs of modes, and of listed pairs of materials
 MOST_KINDS = 20  # largest number of types of grains, or walls, whose laws are described
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
 SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
@@ -45,7 +45,7 @@ class Settling(NamedTuple):
 
     moved: float  # largest displacement of a grain, in its radii
     moved_rms: float  # root mean square over grains, in their radii
-    lost: int  # contacts
+    lost: int  # number of contacts lost
     gained: int
     before: float  # residual of the given packing
     how: str  # description of the work of the solver
@@ -128,7 +128,7 @@ def let_settle(state: State, law: Law) -> tuple[State, Settling]:
 def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
     """Return the verdict in one sentence, which mentions settling.
 
-    It depends on notes about actions on the grains that were not imported, and about missing data.
+    The verdict takes account of notes about actions on the grains that were not imported, and about missing data.
     """
     sentence = f"{result.verdict}; {calm}" if calm else result.verdict
     left_out = "; ".join(note.reason for note in notes if isinstance(note, Obstacle))
@@ -158,9 +158,9 @@ class Geometry(NamedTuple):
     coordination: float  # mean number of contacts of grains that are not rattlers
     rattlers: int  # grains with fewer than two contacts, after recursive removal of rattlers
     overlap: float  # largest overlap, over the smaller radius of the two grains
-    mean_overlap: float  # the same, mean over contacts
+    mean_overlap: float  # mean of this ratio over contacts
     packing_fraction: float
-    volume: str  # volume to which it refers
+    volume: str  # volume to which the packing fraction refers
 
     def __str__(self) -> str:
         return (

@@ -70,7 +70,7 @@ class PageContent(NamedTuple):
     unjudged: str = ""  # reason why modes of the frame `at` are not instabilities: its forces do not balance
     verdict: str = ""  # sentence on the stability of a packing, if computed and in equilibrium
     stages: tuple[str, ...] = ()  # stage of each frame, for a run with stages
-    source: str = "file"  # whose units are those of the frames
+    source: str = "file"  # origin of the units of the frames
     decided: bool = True  # whether the verdict includes all actions on the grains
 
 
@@ -86,8 +86,8 @@ def packing_content(
     options : options of `read_packing`
     settle : if True, the packing is settled first
     dashpots : if False, dashpots of the law are left out
-    zoom : of the figure
-    search : if False and no file of modes is given, neither verdict nor modes are computed; None: False if that takes
+    zoom : zoom of the figure
+    search : if False and no file of modes is given, neither verdict nor modes are computed; None: False if they take
         minutes
     """
     (state, law, notes), warnings = capture_warnings(read_packing, file, **options)

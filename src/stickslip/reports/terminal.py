@@ -43,7 +43,7 @@ console = _Console(soft_wrap=False, markup=False, highlight=False, width=_width(
 
 NARROW = 60  # width below which the cells of tables would be broken
 READABLE = 100  # largest width of a text
-WIDE = 110  # width from which a stage and its text share a line
+WIDE = 110  # smallest width at which a stage and its text share a line
 STEADY = 5.0  # time after which the remaining time of a stage may be estimated [s]
 LINES = 30.0  # time between lines without a terminal [s]
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
@@ -146,8 +146,8 @@ def _unmeasured(bar: Progress, text: str):
 def estimate_left(history: list[tuple[float, float]]) -> float | None:
     """Estimate the remaining time of a stage [s] from its elapsed times and shares; None if its rate is not steady.
 
-    The mean rate and the rate in the second half of the time must agree within a factor of 1.3. Otherwise the rest is
-    unknown: steps of a load path, for example, take longer towards its end.
+    The mean rate and the rate in the second half of the time must agree within a factor of 1.3. Otherwise the remaining
+    time is unknown: steps of a load path, for example, take longer towards its end.
     """
     (spent, share), half = history[-1], history[bisect(history, (0.5 * history[-1][0],)) - 1]
     if not 0.05 < share < 1 or spent < STEADY or share <= half[1]:
@@ -184,7 +184,7 @@ def format_duration(seconds: float) -> str:
 
 
 def new_table(*columns: str, title: str | None = None, units: dict[str, str] | None = None, left=()) -> Table:
-    """Table without rows, with units in its headings and numbers to the right; `left` names other columns."""
+    """Table without rows, with units in its headings and columns aligned to the right, except those in `left`."""
     table = Table(title=title, **STYLE)
     for name in columns:
         justify = "left" if name in left else "right"

@@ -23,7 +23,7 @@ from .sweep.definition import members, sweep
 
 
 def _bundled_folder(name: str) -> Path:
-    """Folder in a wheel, or else in a clone."""
+    """Folder of bundled files, in a wheel or a clone."""
     installed = Path(__file__).parents[1] / f"_{name}"
     return installed if installed.is_dir() else Path(__file__).parents[3] / name
 
@@ -53,7 +53,7 @@ def names() -> dict[str, str]:
     """
     files = sorted(entry.name for entry in FOLDER.iterdir() if not entry.name.startswith(("_", ".")))
     found = {}
-    for name in files:  # with the first sentence of the comment or docstring with which a file begins
+    for name in files:  # described by the first sentence of the comment or docstring at its beginning
         lines = () if name in _WITHOUT_TEXT else (FOLDER / name).read_text(encoding="utf-8").splitlines()
         comment = " ".join(takewhile(bool, (line.strip('#" ') for line in lines)))
         found[name] = _WITHOUT_TEXT.get(name) or comment.split("  ")[0].split(". ")[0].rstrip(".:")
@@ -109,7 +109,7 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
     Raises
     ------
     ValueError
-        If there is no such example, or a file of its name exists there and `overwrite` is False; nothing is copied.
+        If there is no such example, or a file of this name exists there and `overwrite` is False; nothing is copied.
     """
     sources = [path(name) for name in chosen or names()]
     found = [file for source in sources for file in (sorted(source.rglob("*")) if source.is_dir() else [source])]

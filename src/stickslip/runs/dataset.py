@@ -1,4 +1,4 @@
-"""Results of a run as an xarray DataTree with units: states by frame, contacts as ragged arrays, tables of numbers.
+"""Results of a run as an xarray DataTree with units: states by frame, ragged arrays of contacts, tables of numbers.
 
 The touching contacts of all frames are concatenated along the dimension `contact`, and `contact_count` is their number
 in each frame: CF's contiguous ragged array.
@@ -123,7 +123,7 @@ def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
     """Build all nodes; a dimension that clashes with a parent node's dimension is prefixed with the node's name."""
     states, tables, laws = {}, {}, {}
     _collect(tree, "", tree.get("law"), states, tables, laws)
-    sizes = Counter(len(state.grains.radius) for state in states.values()).most_common(1)  # of grains
+    sizes = Counter(len(state.grains.radius) for state in states.values()).most_common(1)  # numbers of grains
     states = {name: state for name, state in states.items() if len(state.grains.radius) == sizes[0][0]}
     nodes = {}
     if states:
@@ -202,7 +202,7 @@ def _frame_variables(states: dict[str, State], laws: dict, units: dict, walls: d
     if most := max(len(state.walls.mass) for state in many):
         for name in _WALLS:
             shape = getattr(many[0].walls, name).shape[1:]
-            values = np.full((len(many), most, *shape), np.nan)  # of removed walls
+            values = np.full((len(many), most, *shape), np.nan)  # NaN for removed walls
             for k, (path, state) in enumerate(states.items()):
                 values[k, walls[path]] = getattr(state.walls, name)
             out[f"wall_{name}"] = (("frame", "wall", "axis")[: values.ndim], values, unit("walls", name))

@@ -267,7 +267,7 @@ class UnfinishedRun(NamedTuple):
     reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
     sweep: dict | None = None  # tables, if it is a sweep
     figures: bool = False  # whether the members of the sweep draw figures
-    look: Look = PLAIN  # of figures
+    look: Look = PLAIN  # look of figures
     part: tuple[int, int] | None = None  # part of a sweep, if only this one is run here
 
 

@@ -173,7 +173,7 @@ def _stages(tree: dict) -> list[dict]:
 
 
 def _stage_of(time: float, stages: list[dict]) -> str:
-    """Name of the stage at a time; of two stages, the earlier one."""
+    """Name of the stage at a time; where two stages meet, the earlier one."""
     return next((stage["name"] for stage in stages if stage["start"] <= time <= stage["end"]), "")
 
 

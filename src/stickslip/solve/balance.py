@@ -16,10 +16,10 @@ from ..core.measure import Committed, contact_velocity, overlaps, touching, volu
 from ..core.state import SLIDE, STICK, State
 from .freedom import Freedom, freedom, mass_weighted, stiffness_of, unsupported_grains
 
-# Share of the mean contact force, from `python -m benchmarks equilibrium`. Up to 1e-3, moving grains at random changes
-# the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings had a wrong verdict without its slips; the
-# first wrong ones appear beyond that. Text with eight digits leaves 2e-4 in packings of 60 grains and about 1e-3 in
-# larger ones.
+# Residual over the mean contact force, from `python -m benchmarks equilibrium`. Up to 1e-3, random displacements of
+# grains change the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings whose slips were deleted had a
+# wrong verdict; the first wrong ones appear beyond that. Positions stored as text with eight digits have residuals of
+# 2e-4 in packings of 60 grains and about 1e-3 in larger ones.
 BALANCED_BELOW = 2e-3
 DIGITS = 13  # significant digits of positions that were not truncated by text or single precision
 
@@ -29,18 +29,18 @@ class LinearisedState(NamedTuple):
 
     state: State
     law: Law
-    line: Linearisation  # of all pairs in the list
+    line: Linearisation  # linearisation of all pairs in the list
     rows: np.ndarray  # touching pairs
     loose: np.ndarray  # (N,) bool, rattlers
 
     @property
     def backbone(self) -> Freedom:
-        """Free coordinates without those of rattlers."""
+        """Free coordinates of all bodies that are not rattlers."""
         return freedom(self.state).without(self._loose_bodies)
 
     @property
     def supported(self) -> np.ndarray:
-        """(C,) mask of the pairs in the list, without those of rattlers."""
+        """(C,) mask of the pairs in the list; False for pairs with a rattler."""
         contacts, count, loose = self.state.contacts, len(self.line.closed), self._loose_bodies
         return ~loose[contacts.i[:count]] & ~loose[contacts.j[:count]]
 
@@ -60,7 +60,7 @@ class LinearisedState(NamedTuple):
 
     @property
     def at_limit(self) -> np.ndarray:
-        """Rows of contacts at the Coulomb limit under sharp friction, without those of rattlers."""
+        """Rows of contacts at the Coulomb limit under sharp friction; contacts of rattlers do not count."""
         if self.law.coulomb != SHARP:
             return np.zeros(0, np.int64)
         slides = (self.state.contacts.mode[self.rows] == SLIDE) & (self.line.limit[self.rows] > 0)
@@ -165,7 +165,7 @@ def _local_force_scales(here: LinearisedState) -> np.ndarray:
 def motion_imbalance(here: LinearisedState) -> float:
     """Force change caused by the motion, v √(m k) for a spring k that stops a mass m, over the mean contact force.
 
-    The largest value over all grains that are not rattlers.
+    The result is the largest value over all grains that are not rattlers.
     """
     push = _speeds(here) * np.sqrt(here.state.grains.mass * here.mean_stiffness)
     return _ratio(float(push.max(initial=0.0)), here.mean_force)
@@ -343,7 +343,7 @@ def with_modes_under(state: State, law: Law) -> State:
 
 
 def modes_under(state: State, law: Law, line: Linearisation) -> State:
-    """State with modes from its linearisation; see `with_modes_under`."""
+    """State with modes from a linearisation; see `with_modes_under`."""
     contacts, count, radius = state.contacts, len(line.limit), body_radii(state)
     reach = radius[contacts.i[:count]] + radius[contacts.j[:count]]
     pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]

@@ -50,12 +50,12 @@ from .stability import DENSE_UP_TO, stability
 NEAR_BIRTH = 1 / 3  # largest |q|/|p| of a pair near its birth
 MOST_DETUNED = 0.5  # relative change of β if the second harmonic grows with the pair
 PHASES = 24  # points per period of the mode that are examined for the first limit
-LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # factor between amplitudes of this search, its accuracy, its first amplitude
+LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # search for this limit: factor between amplitudes, accuracy, first one
 AFTER = 1.5  # largest amplitude of the harmonic balance, over that at which a contact is lost in linear growth
-TIMES = 32  # points of a period in the harmonic balance; harmonics up to a third of it
-SAMPLES = 36  # amplitudes at which the growth rate is computed
-MOST_ROUNDS, SETTLED = 60, 1e-8  # of the harmonic balance: iterations, and the relative change at which it ends
-LARGEST = 1.0  # slaved motion over motion along the mode, above which the harmonic balance is meaningless
+TIMES = 32  # points per period in the harmonic balance; the number of harmonics is up to a third of this
+SAMPLES = 36  # number of amplitudes at which the growth rate is computed
+MOST_ROUNDS, SETTLED = 60, 1e-8  # harmonic balance: most iterations, and the relative change at which they end
+LARGEST = 1.0  # ratio of slaved motion to motion along the mode above which the harmonic balance is meaningless
 PROBE = 0.02  # displacement for measuring nonlinear forces, over the amplitude of the first limit
 
 
@@ -71,7 +71,7 @@ class Motion(NamedTuple):
 class Balance(NamedTuple):
     """Growth at finite amplitude, from harmonic balance."""
 
-    amplitudes: np.ndarray  # (S,) at which it converged
+    amplitudes: np.ndarray  # (S,) amplitudes at which the harmonic balance converged
     rates: np.ndarray  # (S,) growth rate a′/a; NaN beyond the peak [1/time]
     peak: float  # amplitude at which growth ends; infinite if it does not
     harmonics: np.ndarray  # (S + 1, H, n) mean displacement and harmonics of the slaved motion, from amplitude zero on
@@ -106,15 +106,15 @@ class BirthForm(NamedTuple):
     nearness: float  # 0 at the birth, 1 for a circular mode; the form is valid near the birth
     beta: float  # cubic coefficient β [1/(amplitude time)²]
     bare: float  # β without slaved modes
-    peak: float  # amplitude at which a burst turns back, from the harmonic balance, or beyond its range from β
-    cubic_peak: float  # σ √(2/|β|), its limit near the birth; infinite for β > 0
-    amplitudes: np.ndarray  # (S,) at which the harmonic balance converged, up to `first`
+    peak: float  # amplitude at which a burst turns back, from the harmonic balance or, beyond its range, from β
+    cubic_peak: float  # σ √(2/|β|), the limit of `peak` near the birth; infinite for β > 0
+    amplitudes: np.ndarray  # (S,) amplitudes at which the harmonic balance converged, up to `first`
     rates: np.ndarray  # (S,) growth rate a′/a at each amplitude, NaN beyond the peak [1/time]
     limit: float  # amplitude at which a contact first reaches the Coulomb limit; infinite if none does
-    limit_contact: tuple[int, int]  # the bodies of that contact; (−1, −1) without
+    limit_contact: tuple[int, int]  # the bodies of that contact; (−1, −1) if there is none
     opening: float  # amplitude at which a contact first opens
     opening_contact: tuple[int, int]
-    closing: float  # amplitude at which two grains first come into contact, up to which the form is valid
+    closing: float  # amplitude at which two grains first come into contact; the form is valid up to it
     closing_contact: tuple[int, int]
     resonance: float  # |ω_k − 2ω|/(2ω) of the mode nearest to the second harmonic
     detuned: float  # relative change of β if the second harmonic grows at 2σ: the error of a slaved one
@@ -307,7 +307,7 @@ def _solver(matrix, shift: float, columns=None, rows=None):
 
 
 def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float, float, float]:
-    """β, its value without slaved modes, and its value if the second harmonic grows at twice the rate of the pair.
+    """β, β without slaved modes, and β if the second harmonic grows at twice the rate of the pair.
 
     All three follow from exact Jacobians at displacements along u₀ of ±`probe` and ±`probe`/2.
     """
@@ -332,7 +332,7 @@ def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float
 
 
 def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
-    """Growth rate at finite amplitudes by harmonic balance, up to an amplitude at which it diverges."""
+    """Growth rate at finite amplitudes by harmonic balance, up to an amplitude at which the balance diverges."""
     from scipy.interpolate import CubicSpline  # slow to import
 
     square, half = plane.value.real, TIMES // 2
@@ -396,8 +396,8 @@ def first_changes(
 ) -> list[tuple[float, tuple[int, int]]]:
     """Amplitudes at which a contact first reaches the Coulomb limit, opens, closes, or reverses its slip.
 
-    Amplitudes are raised from `start` by factors of LADDER until contacts are lost, or grains move by a quarter of the
-    skin of the contact list; then they are bisected. Contacts of rattlers are left out.
+    The amplitude is raised from `start` by factors of LADDER until contacts are lost, or grains move by a quarter of
+    the skin of the contact list; then the interval is bisected. Contacts of rattlers are left out.
 
     Parameters
     ----------
@@ -415,7 +415,7 @@ def first_changes(
     stuck = closed & (first.slides == 0) & (first.limit > 0)
 
     def changes_at(a, phases=slice(None)):
-        """(P, 4, C) contacts that leave the sticking state, open, close, reverse; None beyond the motion's range."""
+        """(P, 4, C) contacts that stop sticking, open, close, or reverse their slip; None beyond the motion's range."""
         out, ways = [], motion(a)
         if ways is None or not np.abs(ways / root).max() <= 0.25 * contacts.skin:
             return None

@@ -19,8 +19,8 @@ from .linear import suitable_threads
 from .moduli import VOIGT, ElasticModuli, elastic_moduli
 from .sensitivity import assess
 
-HALVINGS = 80  # relative width of the bracket of an amount
-NEVER = 1e100  # amounts that only bonds without a limit need
+HALVINGS = 80  # bisections in the search for an amount
+NEVER = 1e100  # amounts above this are reached only by bonds without a limit
 
 
 @readable(head=lambda found: _describe(found))
@@ -54,7 +54,7 @@ class FirstBreak(NamedTuple):
 
     @property
     def mode(self) -> str:
-        """Breaking load of the first bond: "tension", "shear", "bending", "twisting" or "compression", or empty."""
+        """Load that breaks the first bond: "tension", "shear", "bending", "twisting" or "compression", or empty."""
         return FAILURES[self.failure[self.bond]] if self.bond >= 0 else ""
 
 
@@ -136,7 +136,7 @@ def break_along(here: LinearisedState, moduli: ElasticModuli, strain: np.ndarray
     wide[: moduli.dim, : moduli.dim] = strain
     moved = moduli.free.spread(np.einsum("nab,ab->n", moduli.motion, strain))
     limits = bond_limits(state, bond_motions(state, moved, wide))
-    loose = unsupported_grains(state, here.law)  # without load on their bonds
+    loose = unsupported_grains(state, here.law)  # their bonds carry no load
     amount, failure = bond_crossings(bonds, limits.load, limits.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
     return FirstBreak(amount, failure, bonds.i, bonds.j, strain, -np.einsum("abcd,cd->ab", moduli.tensor, strain))
 
@@ -183,9 +183,9 @@ class DecisiveBonds(NamedTuple):
     i: np.ndarray  # (K,) grains
     j: np.ndarray  # (K,)
     derivative: np.ndarray  # (K,) ∂λ/∂ln s for a factor s on the stiffness of the bond, complex [1/time²]
-    share: np.ndarray  # (K,) its load over its strength
-    verdict_after: np.ndarray  # (K,) if it breaks, before forces find a new balance; empty if not computed
-    growth_after: np.ndarray  # (K,) growth rate of the fastest mode then [1/time]; NaN if not computed
+    share: np.ndarray  # (K,) load of the bond over its strength
+    verdict_after: np.ndarray  # (K,) after the bond breaks, before forces find a new balance; empty if not computed
+    growth_after: np.ndarray  # (K,) growth rate of the fastest mode after the break [1/time]; NaN if not computed
 
 
 @checked
@@ -194,7 +194,7 @@ def decisive_bonds(state: State, law: Law, *, most: NotNegative = 3) -> Decisive
     """Bonds on which the decisive mode depends: the one that grows fastest, or else the softest.
 
     For a factor s on the stiffness of bond b, dλ = −wᴴ dJ_b v/(wᴴ M v). The spectrum after a break is computed for the
-    first `most` of them, as `contact_sensitivity` does for contacts. Dashpots are ignored.
+    first `most` bonds, as `contact_sensitivity` does for contacts. Dashpots are ignored.
 
     Raises
     ------

@@ -27,7 +27,7 @@ from ..core.laws.kinds import Kind
 from ..core.laws.properties import dashpot_coefficients
 from ..core.readable import readable
 
-ROUND_OFF = 2e-12  # largest γ_n, for a stiffness, a mass and a diameter of 1
+ROUND_OFF = 2e-12  # accuracy of γ_n in natural units
 LONGEST = 100.0  # longest integrated duration, in units in which an elastic collision takes about 3
 MOST_CALLS = 200_000  # largest number of force evaluations, about a hundred times that of a collision
 LEAST = 1e-4  # smallest restitution; below it, collisions last long, and their final speed is round-off

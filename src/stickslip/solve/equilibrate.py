@@ -38,15 +38,15 @@ from .spectrum import soft_modes, symmetric_part_is_positive
 BALANCED = 5e-14  # default tolerance, in natural units of force
 # residuals over the mean normal force at which Newton's method is tried again after damped dynamics
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
-SHARES = (3e-1, 1e-2, 3e-4)  # the same, over the residual at which Newton's method stalled
-FEW = 3000  # steps of damped dynamics in a stage before it starts again from the beginning of the step
-PATIENCE = (8, 1)  # in small and in large systems, see `patience_for`
+SHARES = (3e-1, 1e-2, 3e-4)  # residuals of the same kind, over the residual at which Newton's method stalled
+FEW = 3000  # steps of damped dynamics in a stage before dynamics starts again from the beginning of the load step
+PATIENCE = (8, 1)  # numbers of slow steps in small and in large systems, see `patience_for`
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
-DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
+DRAG, STEP = 0.3, 0.2  # damped dynamics: drag over the highest frequency, time step times it
 # weaker drags, tried in turn: with these the softest modes of a nearly unjammed packing come to rest sooner, and a
 # packing that creeps without end along one path may find a balance along another
 WEAK_DRAGS = (0.03, 0.01, 0.003)
-RELAXED, RELAX_DRAG, RELAX_STEP = 1e-14, 0.05, 0.1  # of `relax`: tolerance, drag, time step, in natural units
+RELAXED, RELAX_DRAG, RELAX_STEP = 1e-14, 0.05, 0.1  # defaults of `relax`, in natural units
 STEPS = 100_000  # quench: largest number of steps
 SKIN = 0.5  # quench: skin of the neighbour list over the smallest radius, large because grains move far at first
 # quench: time step, mixing, steps downhill, longest time step, and whether the forces balance
@@ -78,8 +78,9 @@ def equilibrate(
     until the residual has fallen to 30 %, and Newton's method is tried again; the same is done at 1 % and 0.03 %. If
     that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3, 3e-5,
     3e-7 and 3e-9 of the mean contact force, each stage starting at the end of the previous one; finally, this is
-    repeated with weaker and weaker drag. Bonds at their strength then break one by one, in the order of load over
-    strength, with a new equilibrium after each. Before that, in damped dynamics, only fading bonds may break.
+    repeated with weaker and weaker drag. Bonds that have reached their strength in the equilibrium then break one by
+    one, in the order of load over strength, with a new equilibrium after each. During damped dynamics, only fading
+    bonds may break.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ def breaking(
 ):  # fmt: skip
     """Equilibrium found by `find`; bonds at their strength then break one by one, with a new equilibrium after each.
 
-    `broke` is called with that equilibrium and with the same state without the bond.
+    `broke` is called for each bond with the equilibrium before the break, and with the same state without the bond.
     """
     end, outcome = find(state, keep)
     while outcome.ok and (weaker := with_weakest_broken(end)) is not end:
@@ -269,7 +270,7 @@ def relax(
     ----------
     tolerance : float [force]; default: 1e-14 F, where F is the normal force of the law, extrapolated to an overlap of
     the smallest diameter d, such as k_n d^{3/2}
-    drag, spin_drag : float [1/time]; default: 0.05/√(m d/F), with the mass m of the lightest grain; both equal
+    drag, spin_drag : float [1/time]; default of both: 0.05/√(m d/F), with the mass m of the lightest grain
     dt : float [time]; default: 0.1 √(m d/F)
     steps : int, largest number allowed
 
@@ -301,8 +302,8 @@ def quench(state: State, law: Law, tolerance: float, steps: int = STEPS) -> Stat
     ----------
     state : State without walls, all of whose grains are free
     law : Law without friction
-    tolerance : float, largest unbalanced force [force]. It is also at most 1e-4 of the mean contact force, so that
-    grains that lose all contacts do not count as jammed
+    tolerance : float, largest unbalanced force [force]. This force must also be at most 1e-4 of the mean contact force,
+    so that grains that lose all contacts do not count as jammed
     steps : int, largest number of steps; if they do not suffice, the last positions are returned
     """
     check_kind(law.kind)

@@ -1,6 +1,6 @@
 """Fastest-growing complex pair of a large system: the bottom of the spectrum, then random probes above.
 
-Growth is g = |Im √λ| ≈ Im λ/(2√λ), so pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
+Growth is g = |Im √λ| ≈ Im λ/(2√λ), so for a given Im λ, pairs with low λ grow fastest. The lowest
 modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
 modes are searched by tangent dynamics (see `solve.probes`). Where factors do not fit into memory, the probes search the
 whole spectrum.
@@ -30,7 +30,7 @@ BOTTOM = 560, 240  # vectors of the subspace at the bottom of the spectrum, up t
 POLISHING = 48, 96, 240, 560  # vectors of the subspaces that refine a pair, starting from it, tried in this order
 NEAR = 0.1  # largest relative change of an eigenvalue that is refined
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
-GAPS = 2  # gaps of the spectrum in which the modes below are counted until the numbers agree
+GAPS = 2  # largest number of gaps of the spectrum at which the modes below are counted, until the counts agree
 ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero mode
 ALONE = 100.0  # Im λ over the residual at which filters end for a pair that is not refined
 DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
@@ -42,7 +42,7 @@ class ShiftWindow(NamedTuple):
     """Eigenvalues of A nearest to a shift."""
 
     shift: float  # [1/time²]
-    radius: float  # all eigenvalues within it were computed, provided that the iteration missed none [1/time²]
+    radius: float  # all eigenvalues this close were computed, provided that the iteration missed none [1/time²]
     growing: np.ndarray  # complex eigenvalues with Im λ > 0, and negative real ones; empty if there are none [1/time²]
 
 
@@ -85,7 +85,7 @@ class ShiftWindows:
             self._refine(basis @ y[:, k])
 
     def _start(self, given: int) -> np.ndarray:
-        """(n, BLOCK) vectors: random ones, and zeros where some are given."""
+        """(n, BLOCK) vectors: random ones, followed by zeros in place of `given` ones."""
         start = np.zeros((self.matrix.shape[0], BLOCK))
         start[:, : BLOCK - given] = self.rng.standard_normal((len(start), BLOCK - given))
         return start
@@ -173,7 +173,7 @@ class KrylovSubspace:
             image = self.apply(self.next)
             H[: k + BLOCK, block] = basis.T @ image
             q, r = np.linalg.qr(image - basis @ H[: k + BLOCK, block])
-            # also if the subspace is exhausted and q consists of round-off
+            # needed also if the subspace is exhausted and q consists of round-off
             again = basis.T @ q
             H[: k + BLOCK, block] += again @ r
             self.next, r_again = np.linalg.qr(q - basis @ again)
@@ -185,16 +185,16 @@ class KrylovSubspace:
 class Bottom(NamedTuple):
     """Modes at the bottom of the spectrum, all of which were computed."""
 
-    # all λ with Re λ below it are known if the count is confirmed; inf if all were computed, 0 if none [1/time²]
+    # all λ with Re λ below this are known if the count is confirmed; inf if all were computed, 0 if none [1/time²]
     limit: float
-    found: int  # eigenvalues found below it
-    expected: int  # eigenvalues of the symmetric part S below it, by Sylvester's law of inertia
+    found: int  # eigenvalues found below the limit
+    expected: int  # eigenvalues of the symmetric part S below the limit, by Sylvester's law of inertia
     zero: bool  # whether both numbers exclude zero modes, of which only some are found if there are many
-    above: float  # ‖K‖/(2√limit) ≥ growth rate of any pair above it, with the skew part K [1/time]; ‖K‖/2 if it is 0
+    above: float  # ‖K‖/(2√limit) ≥ growth rate of pairs above the limit, K the skew part [1/time]; ‖K‖/2 for limit 0
 
     @property
     def confirmed(self) -> bool:
-        """True if as many eigenvalues were found as the symmetric part has."""
+        """True if as many eigenvalues were found below the limit as the symmetric part has there."""
         return self.found == self.expected
 
 
@@ -213,7 +213,7 @@ class FastestPair(NamedTuple):
     probes: int  # random initial vectors of the tangent dynamics
     candidates: list[ShiftWindow]  # windows computed; the first, if any, is that at the bottom
     unverified: int  # growing peaks of the spectra from which no eigenvalue was extracted
-    suspected: float  # growth rate of the fastest of these peaks, estimated from its amplitude; 0 without any [1/time]
+    suspected: float  # growth rate of the fastest of these peaks, estimated from its amplitude; 0 if none [1/time]
     free: Freedom
     soft: SoftModes | None = None  # negative and zero λ; None if the bottom of the spectrum was not computed
 

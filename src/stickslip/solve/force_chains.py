@@ -28,13 +28,13 @@ class ForceNetwork(NamedTuple):
     """Touching contacts and bonded pairs, including contacts with walls, and their forces."""
 
     dim: int
-    position: np.ndarray  # (N, 3) of grains [length]
+    position: np.ndarray  # (N, 3) positions of grains [length]
     radius: np.ndarray  # (N,) [length]
     pair_i: np.ndarray  # (C,) grains
     pair_j: np.ndarray  # (C,) grains, or walls from N on
     branch: np.ndarray  # (C, 3) from j, or the surface of a wall, to i [length]
-    normal: np.ndarray  # (C, 3) unit vectors of these
-    force: np.ndarray  # (C, 3) on i [force]
+    normal: np.ndarray  # (C, 3) unit vectors along `branch`
+    force: np.ndarray  # (C, 3) force on i [force]
     force_n: np.ndarray  # (C,) normal part, positive if it presses [force]
 
     @property
@@ -49,7 +49,7 @@ class ForceNetwork(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Mean normal force of contacts that do not pull; 0 without them [force]."""
+        """Mean normal force of contacts that do not pull; 0 if there are none [force]."""
         pushing = self.force_n[self.force_n >= 0]
         return float(pushing.mean()) if len(pushing) else 0.0
 
@@ -60,10 +60,10 @@ class ForceNetwork(NamedTuple):
 
 @readable
 class ForceChains(NamedTuple):
-    """Chains of grains that carry more than the mean, and their lengths."""
+    """Chains of grains that carry more than the mean force, and their lengths."""
 
-    chains: list[np.ndarray]  # grains of each in their order, longest first
-    lengths: np.ndarray  # (K,) number of grains of each
+    chains: list[np.ndarray]  # grains of each chain in order, longest chain first
+    lengths: np.ndarray  # (K,) number of grains in each chain
     loaded: np.ndarray  # (N,) bool, grains whose largest principal stress is above the mean
     stress: np.ndarray  # (N,) largest principal value of Σ f ⊗ r, compression (or `tension`) positive [force length]
 
@@ -72,8 +72,8 @@ class ForceChains(NamedTuple):
 class StrongNetwork(NamedTuple):
     """Contacts whose normal force is above the mean, and the largest cluster of grains that they join."""
 
-    strong: np.ndarray  # (C,) bool, of the touching contacts
-    cluster: np.ndarray  # (C,) bool, of the largest cluster
+    strong: np.ndarray  # (C,) bool, mask of the touching contacts
+    cluster: np.ndarray  # (C,) bool, contacts of the largest cluster
     grains: np.ndarray  # (n,) grains of the largest cluster
     clusters: int  # number of clusters of two grains or more
     share_of_pressure: float  # fraction of the pressure borne by strong contacts, 1 if all are strong
@@ -88,7 +88,7 @@ class Anisotropy(NamedTuple):
     tangential: float  # a_t
     contact_axis: np.ndarray  # (3,) direction in which most contacts point
     normal_axis: np.ndarray  # (3,) direction of the largest normal forces
-    deviator: float  # deviator of their stress, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p in three dimensions
+    deviator: float  # deviator of the stress of these contacts, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p otherwise
     dim: int
 
     @property
@@ -105,7 +105,7 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
 
     Parameters
     ----------
-    source : accepted state, or `io.read_forces`
+    source : accepted state, or the result of `io.read_forces`
     law : Law of a state; None for measured forces
 
     Examples
@@ -142,10 +142,10 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
 @checked
 @knows_bonds
 def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE, tension: bool = False) -> ForceChains:
-    """Force chains: rows of three or more grains, each of which carries more than the mean and passes it on.
+    """Force chains: rows of three or more grains, each of which carries more than the mean and passes the force on.
 
     A grain is loaded if the largest principal value σ₁ of its Σ f ⊗ r is above the mean over grains with contacts, in
-    which negative values count as zero. On each side of it, the next grain is the loaded one that pushes it in the
+    which negative values count as zero. On each side of it, the next grain is the loaded grain that pushes it in the
     direction nearest to that of σ₁, within `angle`. Two grains are linked if each is the next of the other, so that
     chains do not branch.
 
@@ -272,7 +272,7 @@ def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
 
     Parameters
     ----------
-    source, law : as in `force_network`; raise ValueError unless the normal forces add up to a compression
+    source, law : as in `force_network`; the normal forces must add up to a compression
 
     Source
     ------

@@ -91,7 +91,7 @@ class Freedom(NamedTuple):
         return self.only(~np.append(bodies, False)[self.body])
 
     def only(self, kept: np.ndarray, length: float | None = None) -> "Freedom":
-        """Freedom of the coordinates in a mask (n,), all others prescribed; `length` is 0 without those of the cell."""
+        """Freedom of the coordinates in a mask (n,), all others prescribed; `length` is 0 if the cell has none."""
         length = self.length if length is None else length
         number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
         return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place], length)

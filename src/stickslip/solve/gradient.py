@@ -44,15 +44,15 @@ CONFIDENCE = 0.95  # normal quantile of the interval of a probability
 
 @readable
 class Gradient(NamedTuple):
-    """Derivatives of an eigenvalue, of a modulus, or of the norm of unbalanced forces (positions and slips given)."""
+    """Derivatives of an eigenvalue, of a modulus, or of the norm of unbalanced forces at given positions and slips."""
 
     value: complex  # λ [1/time²]; s [1/time] with dashpots; or the modulus, which is real [force/length^(dim−1)]
     condition: float  # ‖u‖‖v‖/|uᴴv| of λ or s, NaN for others; diverges, as the derivatives do, where a pair is born
-    by_force: np.ndarray  # (N + W, 6) complex, by external forces and torques/R, with relaxed grains and slips
-    by_radius: np.ndarray  # (N,) complex, by radii at constant M, with relaxed grains and slips
-    by_parameter: dict[str, complex]  # by nonzero parameters common to all materials, with relaxed grains
-    by_position: np.ndarray  # (N + W, 3) complex, by positions at given slips: effect of measurement errors
-    by_contact: np.ndarray  # (C, 3) complex, the same by the vector r_i − r_j of each pair in the list
+    by_force: np.ndarray  # (N + W, 6) complex, with respect to forces and torques/R; grains and slips relax
+    by_radius: np.ndarray  # (N,) complex, with respect to radii at constant M; grains and slips relax
+    by_parameter: dict[str, complex]  # with respect to nonzero parameters common to all materials; grains relax
+    by_position: np.ndarray  # (N + W, 3) complex, with respect to positions at given slips: effect of errors
+    by_contact: np.ndarray  # (C, 3) complex, the same with respect to the vector r_i − r_j of each pair in the list
     damped: bool = False  # whether the value is s of motions exp(st)
 
     @property
@@ -71,11 +71,11 @@ class Gradient(NamedTuple):
 
 
 class _Mode(NamedTuple):
-    """λ or s and its modes at each contact: dλ = left · dB right, ds = left · (dB + s dB') right, summed over them."""
+    """λ or s and its modes at the contacts: dλ = Σ left · dB right, ds = Σ left · (dB + s dB') right over contacts."""
 
     value: complex
     condition: float
-    left: np.ndarray  # (C, w) complex, with the factor −1/(uᴴv), or 1/(uᴴ(2s − C)v)
+    left: np.ndarray  # (C, w) complex left mode with the factor −1/(uᴴv), or 1/(uᴴ(2s − C)v)
     right: np.ndarray  # (C, w) complex
     rate: complex = 0.0  # s, if dashpots act
 
@@ -228,7 +228,7 @@ def _gradient(here: LinearisedState, answer: _Mode | _Modulus) -> Gradient:
     """Derivatives of a sum over contacts at the equilibrium, by one solve with Jᵀ."""
     task = _Task(here, answer, _steps(here.state), _colours(here.state))
     law, state, free, whole = here.law, here.state, here.backbone, _every_coordinate(here.state)
-    by_end = np.zeros((6, 2, len(here.line.closed)), complex)  # by axis, first or second body, contact
+    by_end = np.zeros((6, 2, len(here.line.closed)), complex)  # indices: axis, first or second body, contact
     for axis in np.unique(whole.axis):
         by_end[axis] = task.by_end(
             lambda h, axis=axis: task.contributions(
@@ -462,8 +462,8 @@ class VerdictProbability(NamedTuple):
     high: float
     eigenvalue: complex  # decisive λ of the given packing [1/time²]
     deviation: float  # standard deviation of Re λ, or of Im λ of a pair, to first order [1/time²]
-    contact: tuple[int, int]  # bodies of the contact that contributes most to it
-    share: float  # its share of the variance
+    contact: tuple[int, int]  # bodies of the contact that contributes most to the variance
+    share: float  # share of this contact in the variance
 
     @property
     def probability(self) -> float:

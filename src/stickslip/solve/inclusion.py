@@ -26,11 +26,11 @@ STRONG = 6.0  # smallest significant difference of AICc: a likelihood ratio of 2
 CONFIDENCE = 0.95  # confidence of intervals
 ELASTIC_BELOW = 1e-6  # |κ| r below which the functions of elasticity are used
 ROUND_OFF = 1e-12  # smallest scatter over the radial displacement
-MODELS = ("elastic", "dipole", "odd")  # with 0, 1 and 2 components of κ²
+MODELS = ("elastic", "dipole", "odd")  # models with 0, 1 and 2 components of κ²
 ANGLES = 8  # number of angles of κ² from which fits start
 SMALL = 0.02  # step of differences over the smallest overlap or gap of a grain that grows
 LEAST = 1e-9  # growth of a grain, above the round-off of positions and pressures
-RANGE = 0.25  # largest displacement over the skin of the list of contacts, up to which it is valid
+RANGE = 0.25  # largest displacement over the skin of the contact list for which the list is valid
 INNER = 2.0  # inner radius of a fit, in mean diameters
 
 
@@ -39,10 +39,10 @@ class Rings(NamedTuple):
     """Mean displacements in rings around a centre (shells in three dimensions)."""
 
     radius: np.ndarray  # (Q,) [length]
-    spread: np.ndarray  # (Q,) standard deviation of the distances in each [length]
+    spread: np.ndarray  # (Q,) standard deviation of the distances in each ring [length]
     mean: np.ndarray  # (k, Q) radial and, in the plane (k = 2), tangential displacement [length]
     error: np.ndarray  # (k, Q) standard errors: scatter in the ring, enlarged because neighbours move together [length]
-    covariance: np.ndarray  # (kQ, kQ) of `mean.ravel()`, from the scatter between parts [length²]
+    covariance: np.ndarray  # (kQ, kQ) covariance of `mean.ravel()`, from the scatter between parts [length²]
     count: np.ndarray  # (Q,) displacements in each ring
     parts: int  # independent parts whose scatter is the error: centres, or sectors around them
 
@@ -58,9 +58,9 @@ class DisplacementFit(NamedTuple):
     near: complex  # amplitude of 1/r^(dim−1) [length^dim]
     far: complex  # amplitude of r
     screening: complex  # κ² = κ_e² + iκ_o² [1/length²]
-    errors: np.ndarray  # half 95 % intervals of Re near, Re far, Im near, Im far, κ_e², κ_o², as far as fitted
+    errors: np.ndarray  # half-widths of 95 % intervals: Re near, Re far, Im near, Im far, κ_e², κ_o², if fitted
     misfit: float  # χ²
-    aicc: float  # AICc, χ² over its excess in the richest model; compare those of fits to the same rings
+    aicc: float  # AICc with χ² over its excess in the richest model; comparable between fits to the same rings
     rings: Rings
 
     def displacement(self, distance: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ class ScreeningFits(NamedTuple):
         values, errors = (best.screening.real, best.screening.imag), best.errors[2 * len(self.rings.mean) :]
         parts = zip(("κ_e²", "κ_o²"), values, errors, strict=False)
         text = ", ".join(f"{name} = {value:.3g} ± {error:.2g}" for name, value, error in parts)
-        return f"screened by dipoles: {text} (ΔAICc = {elastic.aicc - best.aicc:.3g} to an elastic body)"
+        return f"screened by dipoles: {text} (ΔAICc = {elastic.aicc - best.aicc:.3g} relative to an elastic body)"
 
 
 def rings_of(offset, components, counted, width: float, within: tuple[float, float]) -> Rings:
@@ -126,7 +126,7 @@ def rings_of(offset, components, counted, width: float, within: tuple[float, flo
     if full.sum() < FEWEST:
         raise ValueError(
             f"{full.sum()} rings of width {width:.3g} between the distances {within[0]:.3g} and {within[1]:.3g} have "
-            f"{GRAINS} grains: a fit needs {FEWEST}; use a larger packing or more centres"
+            f"at least {GRAINS} grains: a fit needs {FEWEST}; use a larger packing or more centres"
         )
     counted[counted] = full[ring[counted].astype(int)]
     ring = (np.cumsum(full) - 1)[ring[counted].astype(int)]
@@ -202,7 +202,7 @@ def _solve(screening: complex, rings: Rings) -> tuple[np.ndarray, np.ndarray]:
 def _minimum(rings: Rings, unknowns: int) -> tuple[np.ndarray, np.ndarray]:
     """κ² (those of its real and imaginary parts that are unknown), and residuals, of the best fit from many starts.
 
-    Waves are not shorter than four rings.
+    Wavelengths shorter than four rings are excluded.
     """
     if not unknowns:
         return np.zeros(0), _solve(0.0, rings)[1]
@@ -255,16 +255,16 @@ class Inflation(NamedTuple):
     """Displacements in a packing around inflated grains, each in a separate experiment."""
 
     growth: float  # relative growth of their radii
-    centers: np.ndarray  # (M,) inflated grains
+    centers: np.ndarray  # (M,) numbers of the inflated grains
     offset: np.ndarray  # (M, N, dim) initial position of the nearest image relative to the centre [length]
-    displacement: np.ndarray  # (M, N, dim) without its mean if nothing holds the packing in place [length]
+    displacement: np.ndarray  # (M, N, dim) less its mean if nothing holds the packing in place [length]
     counted: np.ndarray  # (M, N) counted grains: free, not rattlers, not inflated
-    diameter: float  # mean [length]
+    diameter: float  # mean diameter [length]
     outer: float  # distance up to which circles or spheres around all centres are whole [length]
     volume: float  # volume of the periodic cell; NaN if grains are held, or there are walls or open sides
     lame: np.ndarray  # (M,) A of u_r = A/r^(dim−1) + B r from moduli and change of pressure; NaN as above [length^dim]
-    states: list[State]  # at the end of quasi-static steps; none in linear response
-    changes: np.ndarray  # (M, K, 4) contacts that opened, closed, began and stopped sliding in each step
+    states: list[State]  # states at the end of quasi-static steps; none in linear response
+    changes: np.ndarray  # (M, K, 4) numbers of contacts that opened, closed, began to slide, stopped, in each step
 
     @property
     def dim(self) -> int:
@@ -280,7 +280,7 @@ class Inflation(NamedTuple):
         return distance, (n * u).sum(axis=2), turning
 
     def elastic(self, distance: np.ndarray) -> np.ndarray:
-        """Radial displacement of an elastic body with the moduli of the packing, nothing fitted; see `inflate`."""
+        """Radial displacement of an elastic body with the moduli of the packing, without a fit; see `inflate`."""
         share = {2: np.pi, 3: 4 * np.pi / 3}[self.dim] / self.volume
         return self.lame.mean() * (distance ** (1.0 - self.dim) - share * distance)
 
@@ -323,7 +323,7 @@ def inflate(
     ----------
     grain : number of the grain, or of several, each inflated alone, whose displacements are averaged; default: the
         grain nearest to the middle. One factorisation serves all of them
-    growth : relative change of the radius, so small that no contact opens, closes or begins to slide
+    growth : relative change of the radius; it must be so small that no contact opens, closes or begins to slide
     within : distance from the given centre within which other grains grow with it [length]
 
     Raises

@@ -14,7 +14,7 @@ from ..core.state import STICK, assembly, box, disks
 
 INVERSIONS, BISECTIONS = 30, 60
 ROUND_OFF = 1e-15  # round-off of a force, and of the sum of two radii
-ITERATIONS, GAP, RESIDUAL = 60, 1e-11, 1e-9  # of a nearest point: steps, complementarity, residuals
+ITERATIONS, GAP, RESIDUAL = 60, 1e-11, 1e-9  # search for a nearest point: most steps; complementarity, residuals
 BACK = 0.995  # share of the way to the nearest bound
 SOFT = 1e-12  # compliance of equations, so that redundant ones have multipliers
 
@@ -94,7 +94,7 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> 
         try:
             solve = splu(
                 sparse.csc_array(whole)
-            ).solve  # this column ordering has ten times less fill than one by degrees
+            ).solve  # this column ordering has a tenth of the fill of one by degrees
         except RuntimeError:  # singular
             return None
         excess = -v * w

@@ -2,8 +2,8 @@
 
 Multifrontal factors are those of the dynamical matrix, ordered by nested dissection of the grains. A box of grains is
 divided into two halves, and the grains of one half that touch the other are eliminated last, at every level. The
-remainder of each part is a dense matrix, so nearly all work is done by BLAS. From a few thousand spheres on,
-factors take less time than SuperLU's. The same fronts count the eigenvalues of a symmetric matrix below a shift.
+remainder of each part is a dense matrix, so nearly all work is done by BLAS. From a few thousand spheres on, these
+factors take less time than those of SuperLU. The fronts also count eigenvalues of a symmetric matrix below a shift.
 """
 
 import os
@@ -29,7 +29,7 @@ RESTART = 100  # vectors that GMRES stores
 Solve = Callable[[np.ndarray], np.ndarray]
 LEAF = 24  # bodies that nested dissection does not divide further
 HUB = 8  # bodies with this many times the mean number of neighbours, such as walls, are eliminated last
-FACTORS_UP_TO = 90_000  # coordinates: factors of 60,000 take 3 GiB, those of twice this number 7 GiB
+FACTORS_UP_TO = 90_000  # coordinates: factors for 60,000 take 3 GiB, those for twice this number 7 GiB
 
 
 @cache
@@ -191,7 +191,7 @@ class _Front(NamedTuple):
 
     first: int
     last: int
-    border: np.ndarray  # later rows coupled to them
+    border: np.ndarray  # later rows coupled to the pivots
     lu: np.ndarray
     swaps: np.ndarray
     upper: np.ndarray  # P⁻¹ A_PB
@@ -235,7 +235,7 @@ def dissect(state: State, free: Freedom, coordinates: np.ndarray, matrix) -> Dis
 
 
 def _cut(graph, side: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Halves of sorted nodes without the smaller of the two sets that separate them, and that set."""
+    """Halves of sorted nodes, less the smaller of the two sets that can separate the halves, and this set."""
     half = len(nodes) // 2
     first, second = nodes[:half], nodes[half:]
     side[first], side[second] = 1, 2

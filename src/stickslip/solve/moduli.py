@@ -16,7 +16,7 @@ from ..core.state import State
 from .freedom import Freedom, assembled, backbone, incidence, jacobian
 from .linear import factorised
 
-# row sum of J over the largest, above which a coordinate is resisted; rotations without friction are not
+# row sum of J over the largest, above which a coordinate counts as resisted, unlike rotations without friction
 HELD_ABOVE = 1e-13
 SOLVED = 1e-9  # largest residual of the non-affine motion, over the largest row of J, for a valid solution
 DENSE_UP_TO = 3_000  # number of coordinates up to which floppy modes are distinguished from unsupported loads
@@ -33,7 +33,7 @@ class ElasticModuli(NamedTuple):
     """
 
     tensor: np.ndarray  # (dim,) * 4, C_abcd
-    affine: np.ndarray  # (dim,) * 4, if grains moved affinely with the cell and did not rotate
+    affine: np.ndarray  # (dim,) * 4, C_abcd if grains moved affinely with the cell and did not rotate
     motion: np.ndarray  # (n, dim, dim) non-affine motion per unit of G_cd, in the coordinates `free` [length]
     free: Freedom
 
@@ -96,8 +96,7 @@ class ElasticModuli(NamedTuple):
     def odd_torque(self) -> float:
         """A of the isotropic part of C in two dimensions: τ_yx − τ_xy = 2A (G_xx + G_yy); source: as for `odd_shear`.
 
-        It vanishes where torques balance. With lever arms R it does so only up to terms of the order of overlap over
-        diameter.
+        A vanishes where torques balance, with lever arms R only up to terms of the order of overlap over diameter.
         """
         return float(self._planar[1, 0]) if self.dim == 2 else 0.0
 
@@ -132,7 +131,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     an energy by terms of order p. Rattlers are excluded.
 
     In 16 disks and 20 spheres without sliding contacts, with overlaps of 1 to 3 %, the change of the shear stress
-    differed from that of C_xyxy by 0.03 % after a strain of 1e-4, and by 0.3 % after 1e-3
+    differed from the prediction by C_xyxy by 0.03 % after a strain of 1e-4, and by 0.3 % after 1e-3
     (`tests/modes/test_moduli.py`).
 
     Parameters
@@ -211,7 +210,7 @@ def check_cell(state: State, what: str) -> None:
 
 
 def solve_resisted(matrix, pull: np.ndarray, free: Freedom, cause: str = "a strain") -> np.ndarray:
-    """Solve J x = −pull, given the cause of the pull; translations and unresisted coordinates do not move."""
+    """Solve J x = −pull; translations and unresisted coordinates do not move. The message names the `cause`."""
     size, axis, largest = np.abs(matrix).sum(axis=1), free.axis[: matrix.shape[0]], np.abs(matrix.data).max(initial=0.0)
     scale = size.max(initial=0.0)
     held = size > HELD_ABOVE * scale
@@ -269,10 +268,10 @@ def isotropic_tensor(dim: int, bulk: float, shear: float) -> np.ndarray:
 
 @readable
 class ModuliBounds(NamedTuple):
-    """Elastic moduli between their bounds, in the order and with the strains of `ElasticModuli.voigt`.
+    """Elastic moduli and their bounds, in the order and with the strains of `ElasticModuli.voigt`.
 
     C − C_Reuss and C_Voigt − C have no negative eigenvalue, up to terms of the order of the stress: in small packings
-    under a stress of 0.03 to 0.1 of C, eigenvalues of −0.01 to −0.2 of C occur.
+    under a stress of 0.03 to 0.1 times C, eigenvalues of −0.01 to −0.2 times C occur.
     """
 
     reuss: np.ndarray  # (3, 3) or (6, 6) lower bound [force/length^(dim−1)]
@@ -300,11 +299,11 @@ def _bulk_and_shear(c: np.ndarray) -> tuple[float, float]:
 def moduli_bounds(state: State, law: Law) -> ModuliBounds:
     """Elastic moduli and their bounds: Voigt by affine motion, Reuss by smooth contact forces under a uniform stress.
 
-    Voigt: all grains move with the cell and do not rotate; the elastic energy of any motion is not below the true one.
-    Reuss: contact forces that balance on each grain, torques included, and add up to the stress; the complementary
-    energy of any such forces is not below the true one. Those with the smallest Σ|f|² are used; they are the forces in
-    a packing whose contacts are equally stiff along and across the normal. Both are theorems for forces that have a
-    potential: they hold for packings without sliding contacts, up to terms of the order of stress over stiffness.
+    Voigt: all grains move with the cell and do not rotate; no motion has less elastic energy than the true one. Reuss:
+    contact forces that balance on each grain, torques included, and add up to the stress; no such forces have less
+    complementary energy than the true ones. Those with the smallest Σ|f|² are used, as in a packing whose contacts are
+    equally stiff along and across the normal. Both bounds are theorems for forces that have a potential: they hold for
+    packings without sliding contacts, up to terms of the order of stress over stiffness.
 
     Raises
     ------

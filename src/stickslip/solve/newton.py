@@ -104,7 +104,7 @@ def newton(
     patience: Annotated[int, NOT_NEGATIVE] | None = None,
     keep: Factorisation | None = None,
 ):
-    """Solve Pᵀf(q) = 0 for the present loads; one increment of memory, committed only on success.
+    """Solve Pᵀf(q) = 0 for the present loads, with one increment of memory that is committed only on success.
 
     The slip of the whole load step is added in one increment along the final normal. This rule is of first order: the
     equilibrium differs from that of a slow ramp by O(step²) per step. Steps are halved until the residual falls.
@@ -202,7 +202,7 @@ def _push_out_loose(point: TrialPoint, law: Law, free: Freedom, loose: np.ndarra
         normal, total = branch / distance[:, None], np.zeros((len(out), 3))
         np.add.at(total, ends[:, 0], normal)
         np.add.at(total, ends[:, 1], -normal)
-        # with contacts on one side only, unlike those held between others
+        # their contacts are on one side only, unlike those of grains held between others
         out &= np.linalg.norm(total, axis=1) > 0.3 * np.bincount(ends.ravel(), minlength=len(out))
         mine = out[ends].any(axis=1)
         ends, branch, distance = ends[mine], branch[mine], distance[mine]
@@ -288,8 +288,8 @@ def _search(point: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> Tri
 def _open_vanishing(point: TrialPoint, closer: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> TrialPoint:
     """Trial point with a longer step of the bodies that lose all contacts, if that reduces the residual further.
 
-    In such contacts F ~ overlap^(3/2), so that a step leaves a third of the overlap, and Newton's method alone never
-    ends.
+    In such contacts F ~ overlap^(3/2), so that each step leaves a third of the overlap, and Newton's method alone would
+    never end.
     """
     rows = np.flatnonzero(point.trial.mode[: point.trial.count[0]] != OPEN)
     ends = np.stack([point.trial.i[rows], point.trial.j[rows]], axis=1)

@@ -58,7 +58,7 @@ class Basis(NamedTuple):
 
 
 class Window(NamedTuple):
-    """Reduced problem of the modes `inside`, with others eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
+    """Reduced problem of the modes `inside`; others are eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
 
     inside: slice
     centre: float
@@ -72,7 +72,7 @@ class Cluster(NamedTuple):
 
     window: Window
     vectors: np.ndarray  # (n, p)
-    expected: np.ndarray  # its complex eigenvalues with Im λ > 0 according to the window [1/time²]
+    expected: np.ndarray  # complex eigenvalues of the window with Im λ > 0 [1/time²]
 
 
 def symmetric_basis(matrix, precision, report: Report) -> Basis:
@@ -182,7 +182,7 @@ class Certificate(NamedTuple):
     zero: int  # exactly zero, from unresisted coordinates; not counted in `size`
     pairs: int  # pairs whose disc is isolated and does not touch the real axis
     undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
-    members: np.ndarray  # (k,) eigenvalues in each
+    members: np.ndarray  # (k,) number of eigenvalues in each group
     consistent: bool  # True if every pair found is certified or undecided, and every certified pair was found
 
     def __str__(self):
@@ -196,7 +196,7 @@ class Certificate(NamedTuple):
 
 
 def certificate_seconds(size: int) -> float:
-    """Estimated time of a certificate for `size` coordinates, from the speed of a matrix product here [s]."""
+    """Estimated time of a certificate for `size` coordinates, from the speed of a matrix product measured now [s]."""
     some = np.ones((1000, 1000))
     times = []
     for _ in range(2):  # the first product also starts the threads of BLAS
@@ -479,7 +479,7 @@ def _subspace_correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndar
 
     `border` holds the subspace in the modes of the window.
 
-    Solved column by column in the complex Schur form B = QTQᴴ, which also exists if two eigenvalues of B coalesce.
+    Columns are solved one by one in the complex Schur form B = QTQᴴ, which also exists if eigenvalues of B coalesce.
     """
     T, Q = schur(B, output="complex")
     p, m = len(B), len(window.M)

@@ -35,8 +35,8 @@ EXCITED = 1.15  # largest excess of a peak, as an exponent of amplitude, that st
 # steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the previous one
 SHORTEST, LONGER = 256, 16
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
-GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # exponent by which a pair grows while filters run once, and how often they run
-STALLED = 1.2  # after PASSES filters run on only while Im λ over its residual grows by this factor
+GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # growth exponent of a pair in a pass of filters; numbers of passes
+STALLED = 1.2  # after PASSES, filters run on only while Im λ over its residual grows by this factor
 CLEAR = 10.0  # Im λ over the residual that is accepted after the last pass
 FAR = 150.0  # logarithm of the amplitude at which probes stop, since double precision ends at 700
 STAGE = "random probes in a leapfrog"  # name in progress reports
@@ -102,7 +102,7 @@ class ProbeRun:
         return (time.perf_counter() - begin) / 2 * steps
 
     def tune(self, value: complex | None) -> None:
-        """Choose weights that make dashpots exact for modes at the frequency of a peak, or else those of the lag.
+        """Choose weights that make dashpots exact for modes at the frequency of a peak, or else those of lagged forces.
 
         The weights w of the present and the previous velocity solve w₀ exp(−iθ/2) + w₁ exp(−3iθ/2) = 1.
         """
@@ -165,7 +165,7 @@ class ProbeRun:
         return now - first, np.maximum(2 * unit, 5 * noise * first), unit
 
     def _note_what_is_seen(self) -> None:
-        """Store the growth rate at which a mode excited with 1/FAINT of the mean power has stood out [1/time].
+        """Store the growth rate at which a mode excited with 1/FAINT of the mean power would stand out [1/time].
 
         It is the smallest rate so far, because modes that have grown may drown the spectrum later.
         """
@@ -276,7 +276,7 @@ class GrowingModes:
     def __init__(self, motion: Motion, disc: tuple[float, float], growth: float, clear: float):
         self.motion, self.disc, self.growth, self.clear = motion, disc, growth, clear
         self.residual, self.value, self.vector = 0.0, None, None
-        # peaks that extracted modes explain, and those of this run without one: frequency, half-width, growth [1/time]
+        # peaks that extracted modes explain, and peaks of this run without one: frequency, half-width, growth [1/time]
         self.explained: list[tuple[float, float, float]] = []
         self.failed: list[tuple[float, float, float]] = []
         self.rounds = 0  # peaks at the end of this run for which filters have run
@@ -302,7 +302,7 @@ class GrowingModes:
         return max(run.seen, self.growth + EXCITED / run.time if self.value is not None else 0.0)
 
     def extract(self, run: ProbeRun, follow: Callable[[], None]) -> None:
-        """Let the probes run on until filters at the hopeful peaks yield the growing mode of the first one, or fail."""
+        """Let the probes run on until filters at hopeful peaks yield the growing mode of the first peak, or fail."""
         value, growth = self.hopeful(run)[0]
         centre, bin_width = np.sqrt(complex(value)).real, 2 * np.pi / (run.span * run.dt)
         peak = centre, bin_width, growth
@@ -367,11 +367,11 @@ def _covers(known: list[tuple[float, float, float]], value: complex, growth: flo
 def search_by_probes(
     motion: Motion, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None, clear: float
 ) -> tuple[GrowingModes, ProbeRun, list[tuple[complex, float]]]:
-    """Run probes until modes slower than `rate`, or than the fastest one known, would stand out.
+    """Run probes until even modes slower than `rate`, or than the fastest known mode, would stand out.
 
     Parameters
     ----------
-    disc, growth, clear : of `GrowingModes`
+    disc, growth, clear : as in `GrowingModes`
     path : file in which the search is saved, and from which it continues
 
     Returns

@@ -1,8 +1,8 @@
 """Response of a packing to periodic forces, motions and strains: the transfer function of its linearised dynamics.
 
 Drives and observables are arrays (…, N + W, 6) over the components x, y, z and R·angle of all bodies. A drive is a
-force or torque/R on a component that is free, and a displacement of one that is prescribed. An observable is a weighted
-sum of displacements. In a free cell, grains are driven and observed relative to the affine motion of the cell.
+force or torque/R on each free component, and a displacement of each prescribed one. An observable is a weighted sum of
+displacements. In a free cell, grains are driven and observed relative to the affine motion of the cell.
 """
 
 from typing import NamedTuple
@@ -28,7 +28,7 @@ DIRECT_UP_TO = 300  # number of coordinates up to which each frequency is solved
 STEPS, ROUNDS = 300, 6  # Arnoldi steps before convergence is checked, and how often they are continued
 ALLOWED = 1e-6  # largest deviation of k·a/2π from an integer
 SOLVED = 1e-8  # largest relative residual of a solution
-WITHOUT_LIMIT = 1e12  # response over that to the largest stiffness, above which round-off dominates
+WITHOUT_LIMIT = 1e12  # response, over the response of the largest stiffness, above which round-off dominates
 
 
 @readable
@@ -37,7 +37,7 @@ class FrequencyResponse(NamedTuple):
 
     frequency: np.ndarray  # (F,) ω, in the order given [1/time]
     matrix: np.ndarray  # (F, m, k) complex: for drives Re d exp(iωt), the observables are Re (matrix @ d) exp(iωt)
-    free: Freedom  # coordinates that respond, without rattlers; the observables if none were given
+    free: Freedom  # coordinates that respond, without rattlers; without `observe`, they are the observables
 
     @property
     def gain(self) -> np.ndarray:
@@ -73,7 +73,7 @@ class ForcedMotion(NamedTuple):
     damp: sparse.csr_array  # ∂f/∂q̇ of all coordinates
 
     def drives(self, drive: np.ndarray, name: str = "drive") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces (n, k) per displacement and per velocity of drives (k, B, 6), and prescribed motions of all (N, k).
+        """Forces (n, k) per displacement and per velocity of drives (k, B, 6); motions (N, k) that these prescribe.
 
         The forces are mass-weighted.
         """
@@ -175,7 +175,7 @@ def frequency_response(
     Raises
     ------
     ValueError
-        If the forces do not balance; if a frequency is negative, or that of a resonance without damping; if a drive
+        If the forces do not balance; if a frequency is negative, or is an undamped resonance; if a drive
         moves nothing, or a rigid group other than as a whole; if a component does not exist, such as the rotation of a
         wall.
 
@@ -426,7 +426,7 @@ class ComplexModuli(NamedTuple):
 
     frequency: np.ndarray  # (F,) ω, in the order given [1/time]
     tensor: np.ndarray  # (F, dim, dim, dim, dim) complex: storage + i loss
-    affine: np.ndarray  # the same, if grains moved affinely with the cell and did not rotate
+    affine: np.ndarray  # the same tensor if grains moved affinely with the cell and did not rotate
 
     @property
     def bulk(self) -> np.ndarray:
@@ -451,10 +451,10 @@ def complex_moduli(
 ) -> ComplexModuli:  # fmt: skip
     """Storage and loss moduli C* = −(ℓ²/V) (K_cc + K_cg u), (−ω²M + iωMν − K_gg) u = K_gc, K = J + iωC.
 
-    c denotes the coordinates ℓG of the cell and g those of the grains, C the derivatives of forces with respect to
-    velocities: the dashpots also resist the affine motion. As in `run`, velocities are relative to the flow of the
-    cell, ẋ = v + Lx: the affine motion has no inertia, and drag acts on v only. Each contact is held in its mode. At ω
-    = 0 the moduli are those of `elastic_moduli`. Without dashpots, grains move affinely at high frequencies. Rattlers
+    c denotes the coordinates ℓG of the cell, g those of the grains, and C the derivatives of forces with respect to
+    velocities, so that dashpots also resist the affine motion. As in `run`, velocities are relative to the flow of the
+    cell, ẋ = v + Lx: the affine motion has no inertia, and drag acts on v only. Each contact is held in its mode. At
+    ω = 0 the moduli are those of `elastic_moduli`. Without dashpots, grains move affinely at high frequencies. Rattlers
     are excluded.
 
     In runs of 20 disks whose cell was sheared back and forth by 1e-7, storage and loss of the elastic forces differed

@@ -37,12 +37,12 @@ LEAST = 3  # smallest default number of spectra, however large the packing
 class ContactSensitivity(NamedTuple):
     """Sensitivity of one pair to contact stiffness, and of the verdict to the sliding or opening of each contact.
 
-    Changes are sorted: those that reverse the verdict first, then by the change in the growth rate, then by the
+    Changes that reverse the verdict come first; then the order is by the change in the growth rate, then by the
     derivative.
     """
 
     eigenvalue: complex | None  # λ of the pair, Im λ > 0; None if there is no pair [1/time²]
-    condition: float  # ‖w‖‖v‖/|wᴴv| of λ, with left mode w, right mode v; diverges at a pair's birth; NaN without
+    condition: float  # ‖w‖‖v‖/|wᴴv| of λ, with left mode w, right mode v; diverges at birth; NaN without a pair
     contacts: np.ndarray  # (C,) rows of the contact list that touch and support the packing
     derivative: np.ndarray  # (C,) complex ∂λ/∂ln s for a factor s on each contact's stiffness; empty without a pair
     growth_rate: float  # growth rate of the fastest-growing mode, 0 if none grows [1/time]
@@ -52,9 +52,9 @@ class ContactSensitivity(NamedTuple):
     j: np.ndarray  # (K,)
     what: np.ndarray  # (K,) "slides", "opens", or "breaks" of a bond
     mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the unchanged contact, 1 at the Coulomb limit; NaN without friction
-    predicted: np.ndarray  # (K,) growth rate after it, from neighbouring modes in pairs: valid for small changes only
-    after: np.ndarray  # (K,) growth rate after it, from the full spectrum; NaN if not computed
-    verdict_after: np.ndarray  # (K,) verdict after it, "falls apart" if only rattlers are left; empty if not computed
+    predicted: np.ndarray  # (K,) growth rate after the change, from pairs of neighbouring modes; for small changes only
+    after: np.ndarray  # (K,) growth rate after the change, from the full spectrum; NaN if not computed
+    verdict_after: np.ndarray  # (K,) after the change; "falls apart" if only rattlers are left; empty if not computed
     scope: str  # limits of the analysis, in words
 
     @property
@@ -234,7 +234,7 @@ def _list_changes(here: LinearisedState, modes: _ModeData, rows: np.ndarray) -> 
     slid = _with_all_sliding(state, line)
     slid_line = linearise(slid, law)
     slid_blocks, slid_force = blocks_of(slid, law, slid_line)[0], slid_line.force
-    still = np.flatnonzero(~slid.contacts.slip[: len(blocks)].any(axis=1))  # without memory, opened
+    still = np.flatnonzero(~slid.contacts.slip[: len(blocks)].any(axis=1))  # contacts without slip count as open
     slid_blocks[still] = contact_blocks(with_mode(slid, still, OPEN), law, memory=FREE)[0][still]
     sticks = (state.contacts.mode[rows] == STICK) & (line.limit[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]

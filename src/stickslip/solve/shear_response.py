@@ -1,9 +1,9 @@
 """Linear response of a packing to shear or compression: non-affine motion, tangent modulus, and softest modes.
 
 Grains that almost float dominate the smallest eigenvalue of a packing but do not affect its mechanics. They are pruned:
-first all contacts whose overlap is below a given fraction of the mean overlap, then, repeatedly, all grains with fewer
-contacts than dimensions (or, without friction, at most as many). All contacts between the remaining grains count,
-however small: these grains may fail when such a contact slides or opens.
+first, contacts whose overlap is below a given fraction of the mean overlap are removed, then, repeatedly, grains with
+fewer contacts than dimensions (or, without friction, at most as many). All contacts between the remaining grains count,
+however small, because these grains may fail when such a contact slides or opens.
 """
 
 from functools import cached_property
@@ -40,7 +40,7 @@ PRUNE = 2e-3  # fraction of the mean overlap below which a contact does not supp
 class Support(NamedTuple):
     """Grains remaining after pruning, and the contacts between them."""
 
-    contacts: np.ndarray  # (C,) bool, of all pairs in the list
+    contacts: np.ndarray  # (C,) bool, mask of the pairs in the list
     grains: np.ndarray  # (N,) bool
 
 
@@ -109,7 +109,7 @@ class Response:
 
     @cached_property
     def matrix(self) -> np.ndarray:
-        """(n, n) −M^(−1/2) J M^(−1/2) of the supported grains; common translations are lifted to its largest entry."""
+        """(n, n) −M^(−1/2) J M^(−1/2) of supported grains; λ of common translations is raised to the largest entry."""
         return self._dynamical(self._supported_blocks(), self.free)
 
     def _dynamical(self, blocks, free: Freedom) -> np.ndarray:

@@ -19,10 +19,10 @@ from .linear import factorised, suitable_threads
 
 ALL_UP_TO = 120  # number of coordinates up to which all eigenvalues are computed even if a few suffice
 SOFTEST = 40  # number of eigenvalues nearest to zero that are otherwise computed
-NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus this is not negative
+NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus this does not count as negative
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 DENSE_UP_TO = 2_500  # number of coordinates whose density of states takes half a minute
-PROBES = 16  # random vectors for its trace
+PROBES = 16  # random vectors for the trace in the density of states
 MARGIN = 0.01  # margin of the bounds over the width of the spectrum; bounds are computed to a tenth of it
 SHARP = 4.0  # ratio of the bin width to the resolution of the polynomials
 
@@ -49,7 +49,7 @@ class Spectrum(NamedTuple):
 
     @property
     def pair_indices(self) -> np.ndarray:
-        """Indices of `pairs` in `eigenvalues`, and of their modes, growth rates and frequencies."""
+        """Indices of `pairs` in `eigenvalues`; modes, growth rates and frequencies have the same ones."""
         index = np.flatnonzero(self.eigenvalues.imag > 0)
         return index[np.argsort(-self.growth_rate[index])]
 
@@ -139,7 +139,7 @@ class SoftModes(NamedTuple):
     """Negative and zero eigenvalues among those computed at the bottom of the spectrum."""
 
     negative: np.ndarray  # (K,) λ < 0, lowest first [1/time²]
-    vectors: np.ndarray  # (n, K) their modes, generalised displacements of unit mass-weighted norm
+    vectors: np.ndarray  # (n, K) modes of these, as generalised displacements of unit mass-weighted norm
     zero: int  # number of zero eigenvalues
 
 
@@ -226,7 +226,7 @@ def damped_growth(
     """Exponents s of exp(st) of the linearised motion M q̈ = J q + C q̇ − M ν q̇, sorted by real part, largest first.
 
     All free coordinates are included, even rattlers and common translations; without drag, each adds s = 0 twice.
-    All eigenvalues are computed, by LAPACK: the exponents of a single contact are those of its closed form to 1e-12
+    All eigenvalues are computed, by LAPACK: the exponents of a single contact agree with its closed form to 1e-12
     (`tests/unit/test_damped.py`).
 
     Parameters
@@ -355,7 +355,7 @@ class DensityOfStates(NamedTuple):
     density: np.ndarray  # (B,) D, with real λ > 0 at ω = √λ and both members of complex pairs at ω = |Re √λ| [time]
     error: np.ndarray  # (B,) standard error from the random probes; zero if all eigenvalues were computed [time]
     of_pairs: np.ndarray  # (B,) contribution of complex pairs to `density`; NaN if it was not computed [time]
-    frequency: np.ndarray  # (K,) of all oscillating modes, sorted; empty if not all eigenvalues were computed [1/time]
+    frequency: np.ndarray  # (K,) frequencies of oscillating modes, sorted; empty if not all λ were computed [1/time]
     n: int  # number of modes: coordinates without those of rattlers
     zero: int  # modes that do not oscillate, λ = 0
     negative: int  # modes with λ < 0; −1 if they were not counted

@@ -50,7 +50,7 @@ DAMPED_UP_TO = 1_250  # coordinates with dashpots, solved within seconds; the fi
 DAMPED_AT_MOST = 4_000  # coordinates with dashpots, solved within minutes
 NEAR_SHIFT = 4  # number of exponents with dashpots computed near each undamped one
 NEAR_ZERO = 18  # exponents computed near zero, six of which belong to translations
-TOLERANCE = 1e-10  # relative, of the inverse distance from the shift
+TOLERANCE = 1e-10  # relative tolerance of the inverse distance from the shift
 STARTS = 8  # undamped pairs near which exponents are searched for, the fastest first
 MOST_PAIRS = 8  # growing modes in a table
 
@@ -59,8 +59,8 @@ MOST_PAIRS = 8  # growing modes in a table
 class Stability(NamedTuple):
     """Stability of the linearised motion around a state, without rattlers.
 
-    It is a verdict only if the forces balance. Otherwise it describes the beginning of the motion. With dashpots, λ =
-    −s² for the growing exponents s of M q̈ = J q + C q̇.
+    Only if the forces balance is this a verdict; otherwise it describes the beginning of the motion. With dashpots,
+    λ = −s² for the growing exponents s of M q̈ = J q + C q̇.
     """
 
     n: int  # number of grains
@@ -158,9 +158,9 @@ class Stability(NamedTuple):
 def combine_stability(sliding, stuck) -> bool | None:
     """Combine the verdicts for contacts at the Coulomb limit when they keep sliding and when they stick.
 
-    Small disturbances make these contacts stick, so a mode that grows in this case makes the packing unstable. A mode
-    that grows only while all of them keep sliding in one direction requires a motion that keeps them sliding; the
-    verdict is then undecided, as it is if growth was found but not verified.
+    These contacts stick after a small disturbance, so the packing is unstable if a mode grows while they stick. A mode
+    that grows only while all of them slide requires a motion that keeps them sliding in one direction; the verdict is
+    then undecided. It is also undecided if growth was found but not verified.
     """
     if (stuck or sliding).grows:
         return False
@@ -295,7 +295,7 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report, saved: 
         pairs, modes, scope, soft, unverified = _analyse_large(here, free, matrix, method, report, saved)
         if soft is None:
             negative, zero_modes = np.zeros(0), translations(matrix, free).shape[1]
-            scope += "; the search did not cover floppy modes, nor buckling slower than that"
+            scope += "; the search covered neither floppy modes nor buckling slower than that"
         else:
             negative, zero_modes, vectors = soft.negative, soft.zero, soft.vectors
             modes = np.hstack([modes, vectors])
@@ -393,7 +393,7 @@ def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, re
     whole, certify = freedom(here.state), method == "certify"
 
     def matrix_of(whole: Freedom):
-        return matrix if len(whole) == len(free) else here.dynamical_matrix(whole)  # with rattlers
+        return matrix if len(whole) == len(free) else here.dynamical_matrix(whole)  # includes rattlers
 
     search = find_pairs(whole, matrix_of, certify, report)
     scope = "all complex pairs that floating point can resolve"

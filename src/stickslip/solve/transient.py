@@ -29,7 +29,7 @@ from .response import as_patterns, forced_motion
 from .spectrum import REAL_BELOW
 
 AT_MOST = 1_500  # number of coordinates for which eigenvectors and a few hundred singular values take minutes
-NOTHING = 1e-9  # excess of the bound over 1 up to which no search is needed
+NOTHING = 1e-9  # largest excess of the bound over 1 that needs no search
 COARSE = 1e-3  # relative residual of a singular vector; the singular value is accurate to about its square
 SMALL = 150  # size up to which LAPACK finds the largest singular value faster than Lanczos' method
 UNCERTAIN = 1e10  # condition number of the modes beyond which round-off spoils the result
@@ -49,7 +49,7 @@ class TransientGrowth(NamedTuple):
     time: float  # time of the largest amplification [time]
     bound: float  # upper bound of the amplitude at all times: condition number of the modes in this norm
     of_pair: float  # amplitude from the two most nearly coinciding modes alone; an estimate with dashpots
-    pair: np.ndarray  # (2,) their frequencies |Im s| [1/time]; they are in opposite phase after π over the difference
+    pair: np.ndarray  # (2,) frequencies |Im s| of these modes, in opposite phase after π over their difference [1/time]
     times: np.ndarray  # (T,) times evaluated, sorted, from 0 to the end of the window [time]
     amplitudes: np.ndarray  # (T,) largest amplitude at each time
     start: np.ndarray  # (2, n) displacement and velocity of the disturbance that grows most, of unit norm
@@ -307,7 +307,7 @@ def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: 
         if k % 10 == 0:
             report("transient growth", 0.6 * k / len(times), f"{k} of {len(times)} times up to {duration:.4g}")
         amplitudes[k] = amplitude(t)
-    # the envelope first, then the phase of the oscillation below it
+    # first the envelope, then the phase of the oscillation under it
     reaches = duration / (samples - 1), 2 * np.pi / (max(pairs[0][2:]) if pairs else slowest)
     starts = np.unique([*times[np.argsort(-amplitudes)[:2]], *beats[:1]])
     for k, t in enumerate(starts):
@@ -392,15 +392,15 @@ def stationary_fluctuations(
     """Stationary covariance L Σ + Σ Lᵀ + Q = 0 of M q̈ = J q + C q̇ − M ν q̇ + ξ, and its distance from instability.
 
     Thermal noise has ⟨ξ ξᵀ⟩ = 2T (M ν − C) δ(t − t′), so every mode would have a kinetic and an elastic energy of
-    T/2 each if forces had a potential. Friction has none, and heats or cools modes. Distance and condition number are
-    those in the norm of the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
+    T/2 each if forces had a potential. Frictional forces have none, and heat or cool modes. Distance and condition
+    number are defined in the norm of the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
 
     Unresisted common translations (the centre of mass in a periodic cell) and unresisted coordinates are removed from
     motion and noise; each translation adds T/(Σm) to the velocities of a run. The number of modes is that of the
     remaining coordinates.
 
-    In runs of 2000 decay times under noise on one grain, the variance of its displacement was 2 to 5 % smaller, with a
-    statistical error of 3 % (`tests/modes/test_response.py`).
+    In runs of 2000 decay times under noise on one grain, the variance of its displacement was 2 to 5 % below the value
+    computed here, with a statistical error of 3 % (`tests/modes/test_response.py`).
 
     Parameters
     ----------

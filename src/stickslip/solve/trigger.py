@@ -17,18 +17,18 @@ from .response import ForcedMotion, as_patterns, forced_motion, solve_at
 
 SOFT = 1e-9  # stiffness of the springs that exert forces, over that of contacts
 FINE = 0.1  # time step over the largest stable one
-SNAPSHOTS = 200  # times of a pulse at which contacts are examined
-SLOWLY = 200  # decay times in which slowly raised shaking reaches the predicted amplitude
+SNAPSHOTS = 200  # number of times during a pulse at which contacts are examined
+SLOWLY = 200  # number of decay times in which slowly raised shaking reaches the predicted amplitude
 NARROW = 1e-3  # relative accuracy of the amplitude found by pulses
-MOST_RUNS = 60  # factor between amplitudes of pulses until they trigger
+MOST_RUNS = 60  # largest number of pulses
 
 
 @readable
 class Trigger(NamedTuple):
     """Amplitude at which the first contact that sticks reaches the Coulomb limit or opens."""
 
-    predicted: float  # from the linear response and the exact law of the contacts; inf if none was found [of the drive]
-    contact: tuple[int, int]  # its bodies; (−1, −1) if none
+    predicted: float  # by linear response and the exact law of contacts; inf if none was found [of the drive]
+    contact: tuple[int, int]  # bodies of this contact; (−1, −1) if none
     measured: float  # from dynamics; NaN if not computed [of the drive]
     first: tuple[int, int]  # bodies of the first contact at the limit in dynamics; (−1, −1) if not computed
 
@@ -44,12 +44,12 @@ def trigger_amplitude(
 
     The prediction moves the grains along the linear response, with its velocities, and finds the first contact that
     slides under the exact law, dashpots included. Dynamics raises steady shaking slowly, over 200 decay times, or
-    repeats a pulse with bisected amplitudes, and notes the first contact at the limit.
+    repeats a pulse with bisected amplitudes, and records the first contact at the limit.
 
     In 96 shaken packings of 16 disks without tangential dashpots, the prediction differed from dynamics by 1 %
     (median), and by less than 5 % in nine tenths of them, but by up to 40 % near a weakly damped resonance. Tangential
-    dashpots are truncated at the limit together with the spring, before the contact slides, which is not part of the
-    linear response: the prediction is then too high, by 3 % (up to 20 %) with c_t = 0.2 c_n, and by 50 % (up to 120 %)
+    dashpots are truncated at the limit together with the spring, before the contact slides. The linear response does
+    not include this, so the prediction is too high, by 3 % (up to 20 %) with c_t = 0.2 c_n, and by 50 % (up to 120 %)
     with c_t = c_n.
 
     Parameters
@@ -118,7 +118,7 @@ def trigger_amplitude(
     turned = (drive[0] * control.free)[:, 3:].any()
     if turned or control.spring.any() or len(control.knots) or (control.group >= 0).any():
         raise ValueError(
-            "the dynamics of a trigger supports no torques, springs, rigid groups or time profiles: use dynamics=False"
+            "dynamics=True does not support torques, springs, rigid groups or time profiles: use dynamics=False"
         )
     drags = {"drag": drag, "spin_drag": spin_drag}
     if frequency is not None:
@@ -208,7 +208,7 @@ def _first_event(motion: ForcedMotion, drive, grid, factor, drags) -> tuple[floa
 
 
 def _time_step(motion: ForcedMotion, state: State) -> float:
-    """Share of the largest time step that is stable for contacts and, by a bound, for dashpots and drag."""
+    """Fraction FINE of the largest time step that is stable for contacts and, by a bound, for dashpots and drag."""
     fastest = float(np.abs(motion.drag).sum(axis=1).max())
     return FINE * min(stable_time_step(state, motion.here.law), 2 / fastest if fastest else np.inf)
 

@@ -1,7 +1,7 @@
 """Waves of a packing in a periodic cell: dispersion, damping and structure factor of P, S and rotational waves.
 
-Plane waves are unit vectors of the mass-weighted coordinates: displacements along k (P) and across (S), and angles (R;
-in three dimensions first about k, then about the axes across).
+Plane waves are unit vectors of the mass-weighted coordinates: displacements along k (P) and across k (S), and angles
+(R; in three dimensions first about k, then about the axes across k).
 """
 
 from typing import Annotated, NamedTuple
@@ -65,9 +65,9 @@ class WaveSpectrum(NamedTuple):
     """Spectrum of a packing, projected on plane waves: ⟨w, v(t)⟩ = Σ_j weight_j exp(s_j t) after v(0) = w."""
 
     wavevector: np.ndarray  # (K, dim) k [1/length]
-    exponent: np.ndarray  # (M,) complex s of all modes without translations [1/time]
-    weight: np.ndarray  # (K, p, M) complex, for P, S, …, R; the sum over M is one minus the part of translations
-    pair: np.ndarray  # (M,) True for modes of complex pairs: Im s² beyond round-off without damping, growth with it
+    exponent: np.ndarray  # (M,) complex s of all modes except translations [1/time]
+    weight: np.ndarray  # (K, p, M) complex weights for P, S, …, R; their sum is one minus the part of translations
+    pair: np.ndarray  # (M,) True for modes of complex pairs: Im s² beyond round-off if undamped, otherwise growth
 
     def structure_factor(self, frequency: Numbers, width: float = 0.0) -> np.ndarray:
         """(K, p, F) S(k, ω) = (1/π) Re ∫ ⟨w, v(t)⟩ exp(−iωt − width·t) dt over t > 0; its integral over all ω is one.
@@ -100,10 +100,10 @@ def allowed_wavevectors(state: State, count: Annotated[int, POSITIVE] = 12) -> n
     cell = state.cell.vectors[:dim, :dim]
     base = 2 * np.pi * np.linalg.inv(cell)
     sizes, side = np.linalg.norm(base, axis=0), np.ceil(((2 * count + 1) ** (1 / dim) - 1) / 2)
-    far = min(count * sizes.min(), side * sizes.sum())  # there are none beyond
+    far = min(count * sizes.min(), side * sizes.sum())  # no wanted vector is longer
     most = np.floor(far * np.linalg.norm(cell, axis=1) / (2 * np.pi) + ALLOWED)
     whole = np.stack(np.meshgrid(*[np.arange(-m, m + 1) for m in most], indexing="ij"), axis=-1).reshape(-1, dim)
-    whole = whole[len(whole) // 2 + 1 :]  # those before the middle are their negatives
+    whole = whole[len(whole) // 2 + 1 :]  # vectors before the middle are the negatives of these
     k = whole @ base.T
     return k[np.argsort(np.round(np.linalg.norm(k, axis=1), 9), kind="stable")[:count]]
 
@@ -116,15 +116,15 @@ def dispersion(
 ) -> Dispersion:  # fmt: skip
     """Dispersion relation of P, S and rotational waves, with the damping by drag, dashpots, friction and disorder.
 
-    For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by that of p coupled damped oscillators, (m
-    s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀. For P and S, s₀ is √Re⟨P|A|P⟩; for R it is
-    √Re⟨R|A|R⟩ of the first R (that of P where the latter is not positive, √max|A| where neither is). The branches are
-    poles of this response, chosen among the p with the largest Im s: with the first s₀ those whose vectors have the
-    largest shares in P and S, with the second those with the largest shares in R.
+    For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by the response of p coupled damped
+    oscillators, (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀. For P and S, s₀ is √Re⟨P|A|P⟩;
+    for R it is √Re⟨R|A|R⟩ of the first R, or the s₀ of P if ⟨R|A|R⟩ is not positive, or √max|A| if neither is. The
+    branches are poles of this response, chosen among the p poles with the largest Im s: with the first s₀, the poles
+    whose vectors have the largest shares in P and S, and with the second, those with the largest shares in R.
 
     A = −M^(−1/2) J M^(−1/2) and D = ν − M^(−1/2) C M^(−1/2), in the coordinates of `backbone`. The column of P in W is
-    √m k̂ exp(ik·r) over its norm, that of S the same across, and that of R √I e exp(ik·r), with the moment of inertia
-    I. Common translations are not removed from W or A.
+    √m k̂ exp(ik·r) over its norm; the column of S has a unit vector across k in place of k̂, and that of R is √I e
+    exp(ik·r), where I is the moment of inertia. Common translations are not removed from W or A.
 
     In a lattice with one grain per cell, the plane waves are invariant under A and D, and the poles are exact. In a
     disordered packing, a wave is a group of modes, and the poles are frequency and decay of the group: s₀ is so far
@@ -188,8 +188,8 @@ def wave_spectrum(
     orthogonal to √m in each direction. weight_j = w†r_j l_j†w, with the velocity part r_j of mode j and its dual l_j.
 
     The dense solution takes at most 2000 coordinates. For larger packings `dispersion` needs no modes, and
-    `frequency_response` with `plane_wave` as drive and observable has χ(iω); S = −(ω/π) Im χ, if the common translation
-    is first removed from the waves: drive − m Σ drive/Σ m over the grains without rattlers.
+    `frequency_response` with `plane_wave` as drive and observable gives χ(iω); S = −(ω/π) Im χ, if the common
+    translation is first removed from the waves: drive − m Σ drive/Σ m over the grains without rattlers.
 
     Parameters
     ----------
@@ -220,11 +220,11 @@ def wave_spectrum(
 def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
     """(K, dim) speeds of long waves from the moduli, fastest first: ρc² u_a = C_abcd n_b n_d u_c (Christoffel).
 
-    ρ is the mass of the grains without rattlers over the volume. A uniform stress drops out of the equation if C is the
-    response of the Cauchy stress, as here. NaN where a wave is unstable.
+    ρ is the mass of all grains but rattlers, over the volume. A uniform stress drops out of the equation if C is the
+    response of the Cauchy stress, as here. Speeds are NaN where a wave is unstable.
 
-    In 300 disks, waves of `dispersion` were 2 % slower at a wavelength of 18 diameters, and 6 to 9 % at 6 diameters
-    (`tests/modes/test_waves.py`).
+    In 300 disks, waves of `dispersion` were 2 % slower at a wavelength of 18 diameters, and 6 to 9 % slower at 6
+    diameters (`tests/modes/test_waves.py`).
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def _branches(motion: ForcedMotion, waves: np.ndarray, transposed) -> tuple[np.n
 
 
 def _oscillators(motion: ForcedMotion, waves: np.ndarray, s: float):
-    """m, Γ and K, (p, p), of m s² + Γ s + K with the value and two derivatives of χ⁻¹ at s."""
+    """m, Γ and K, (p, p), for which m s² + Γ s + K has the value and first two derivatives of χ⁻¹ at s."""
     solve = _solver(motion, s)
     slope = motion.drag + 2 * s * sparse.eye_array(len(waves))
     once = solve(waves)

@@ -12,7 +12,7 @@ from .bonds import BondLimits, add_bond_loads, bond_gap, bond_vectors, judge_loa
 from .forces import bodies
 from .neighbors import TOO_FAR, TooFarApartError, body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 
-AMBIGUOUS = 1e-9  # tolerance around half a box, in boxes
+AMBIGUOUS = 1e-9  # tolerance around half a box, in units of the box
 
 
 @checked
@@ -60,8 +60,8 @@ def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None,
     Parameters
     ----------
     pairs : (K, 2) numbers of the grains, the smaller one first
-    length : (K,) rest lengths [length]; present ones by default, and where zero
-    direction, turn : (K, 3) and (K, 4) as in `Bonds`; unrotated by default, and where zero
+    length : (K,) rest lengths [length]; by default, and where zero, the present lengths
+    direction, turn : (K, 3) and (K, 4) as in `Bonds`; by default, and where zero, unrotated
     """
     new = _make(state, bond, *_given_pairs(state, pairs), length)
     if turn is not None:
@@ -82,7 +82,7 @@ def with_bonds(state: State, new: Bonds) -> State:
 @checked
 @knows_bonds
 def without_bonds(state: State) -> State:
-    """State without its bonds, intact and broken ones."""
+    """State without its bonds, whether intact or broken."""
     return state._replace(bonds=None, instant=None)
 
 
@@ -123,7 +123,7 @@ def _join(old: Bonds | None, new: Bonds) -> Bonds:
 
 
 def _pairs_within(state: State, within: float):
-    """Pairs of grains within a gap."""
+    """Pairs of grains whose surfaces are at most `within` apart."""
     grid = grid_of(state.cell)
     most = 0.5 * grid.height[state.cell.periodic].min(initial=np.inf)
     if within > most:
@@ -195,7 +195,7 @@ def bond_limits(state: State, way: np.ndarray | None = None) -> BondLimits:
 
 
 def without_failure(state: State) -> State:
-    """State whose bonds do not break in a run, unless already faded; `with_strength_of` restores their strength."""
+    """State whose bonds do not break in a run, unless their loads fade; `with_strength_of` restores their strength."""
     if not state.bonds:
         return state
     strength = np.where(state.bonds.fading[:, None] > 0, state.bonds.strength, UNBREAKABLE)
@@ -212,7 +212,7 @@ def with_strength_of(state: State, before: State, *, mended: bool = False) -> St
 
 
 def with_weakest_broken(state: State) -> State:
-    """State with the bond of the largest load over strength broken if this is at least 1; otherwise unchanged."""
+    """State in which the bond with the largest load over strength is broken if this ratio is at least 1."""
     share = bond_shares(state) if state.bonds else np.zeros(0)
     if not share.max(initial=0.0) >= 1.0:
         return state

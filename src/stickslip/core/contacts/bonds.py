@@ -99,7 +99,7 @@ def bond_rows(bonds: Bonds, contacts: Contacts) -> np.ndarray:
 
 
 def is_beam(bonds: Bonds, dim: int) -> np.ndarray:
-    """Mask of intact bonds that resist all relative motions, so one of them alone holds a grain, (K,)."""
+    """Mask of intact bonds that resist all relative motions, so that one of them alone holds a grain, (K,)."""
     return bonds.intact & (bonds.stiffness[:, 1 : dim + 1] > 0).all(axis=1)
 
 
@@ -115,12 +115,12 @@ def with_bonds(bonds: Bonds, dim: int, here, vectors, contacts: Contacts, *block
     """Contact blocks of springs and dashpots including bonds, (C, 9, 9) as in `contact_blocks`."""
     k = len(bonds.i)
     a, b = here.radius[bonds.i], here.radius[bonds.j]
-    turn = np.array([[np.ones(k), b], [np.ones(k), -a]]) / (a + b)  # of i and j from R_i a_i + R_j a_j and a_i − a_j
+    turn = np.array([[np.ones(k), b], [np.ones(k), -a]]) / (a + b)  # a_i and a_j from ρ and a_i − a_j
     maps = np.zeros((k, 9, 9))
     maps[:, :3, :3] = np.eye(3)
     maps[:, 3:, 3:] = np.einsum("rck,xy->krxcy", turn, np.eye(3)).reshape(k, 6, 6)
     rows, held = bond_rows(bonds, contacts), bonds.intact
-    own = np.zeros((2, k, 9, 9))  # with respect to pair vector and angles, and to their rates
+    own = np.zeros((2, k, 9, 9))  # derivatives with respect to pair vector and angles, and to their rates
     core.linearise_bonds(dim, here, bonds, vectors, np.zeros((k, 3)), *own)
     for whole, more in zip(blocks, own, strict=True):
         wide = np.zeros((len(whole), 9, 9))

@@ -19,13 +19,13 @@ from .bonds import add_bond_loads, follow_rotations
 from .neighbors import body_positions, body_radii, join_bodies, shifts, with_neighbor_list
 
 # treatments of the memory of contacts, as in `mechanics.h`. FREE: transport it, but keep it bit for bit where nothing
-# has moved since it was committed; HELD: the same with every contact in its mode; FROZEN: as FREE, also where it is not
-# that of this law
+# has moved since it was committed; HELD: the same with every contact in its mode; FROZEN: as FREE, even where the kept
+# memory contradicts the law
 FROZEN, HELD, FREE = 0, 1, 2
-GIVEN = 4  # added to HELD or FREE: the memory was not committed in motion but imported
+GIVEN = 4  # added to HELD or FREE: the memory was imported, not committed during motion
 MIN_WEIGHT = 0.6  # least weight of an increment (see `turning_weight`); above 1/2, so that a slip can change its sign
 ROUND_OFF = (
-    1e-11  # tolerance of slip, in units of R_i + R_j: a contact slides until its slip is below its limit by more
+    1e-11  # tolerance of slip, in units of R_i + R_j: a contact slides until its slip is below the limit by more
 )
 AT_LIMIT = 1e-3  # fraction of its limit by which the slip of a sliding contact may fall short at rest, due to dashpots
 

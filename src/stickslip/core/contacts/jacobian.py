@@ -33,8 +33,8 @@ class Linearisation(NamedTuple):
     normal: np.ndarray  # (C, 3)
     inverse: np.ndarray  # (C,) 1/|r|, zero at walls
     before: np.ndarray  # (C, 3) slip when the memory was committed
-    way: np.ndarray  # (C, 3) Δr since then
-    turn: np.ndarray  # (C, 3) Δρ since then
+    way: np.ndarray  # (C, 3) Δr since the commit
+    turn: np.ndarray  # (C, 3) Δρ since the commit
     slip: np.ndarray  # (C, 3) current slip before truncation at the Coulomb limit
     closed: np.ndarray  # (C,) 1 if the contact touches, else 0
     remembers: np.ndarray  # (C,) 1 if it already touched when the memory was committed
@@ -55,8 +55,8 @@ class Linearisation(NamedTuple):
     fade: np.ndarray  # (C,) factor by which the law shortens the slip as the overlap decreases
     fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
     half: np.ndarray  # (C,) half the overlap, by which lever arms are shorter than R
-    half_mid: np.ndarray  # (C,) the same halfway since the memory was committed
-    together: np.ndarray  # (C, 3) change of angle_i + angle_j since then, if lever arms are shorter
+    half_mid: np.ndarray  # (C,) half the overlap halfway between the commit and now
+    together: np.ndarray  # (C, 3) change of angle_i + angle_j since the commit, if lever arms are shorter
     bond: np.ndarray = np.zeros((1, 3))  # force of bonds on body i, (C, 3), or zeros (1, 3) without bonds
 
     @property
@@ -109,8 +109,8 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
 
-    They are exact at any state. Where the memory was committed, a law with `rescaled=True` has only directional
-    derivatives; the one for a growing overlap is returned.
+    They are exact for any state. At the positions of the commit, a law with `rescaled=True` has only directional
+    derivatives; those for a growing overlap are returned.
 
     Parameters
     ----------

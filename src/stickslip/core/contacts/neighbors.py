@@ -56,11 +56,11 @@ def check_list(state: State, gap: float = 0.0) -> None:
 def rebuild_list(x, radius, wall_normal, grid, old: Contacts, threads: int = 1) -> Contacts:
     """Build a list at positions x with the memory of the old one and the same optional arrays.
 
-    Its count is −1 on failure.
+    The count of the new list is −1 on failure.
     """
     pairs = core.find_pairs(grid, x, radius, wall_normal, len(x), len(wall_normal), old.skin + old.gap, threads)
     if pairs is None:
-        raise MemoryError("there is no memory for the neighbour list")
+        raise MemoryError("there is not enough memory for the neighbour list")
     try:
         count = core.count_pairs(pairs)
         rows = max(count, 0)

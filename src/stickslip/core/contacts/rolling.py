@@ -5,7 +5,7 @@ truncated at the cap of the law and transported like the slip:
 
     ψ ← T (ψ + Δ(angle_i − angle_j)),   T = I − m nᵀ,   |ψ| ≤ cap/k_r,   M_i = −k_r ψ,   M_j = +k_r ψ,
 
-with m the mid-step normal (see `mid_normal` in `mechanics.h`).
+where m is the mid-step normal (see `mid_normal` in `mechanics.h`).
 
 A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so the
 transpose of the matrix that maps coordinates to r, ρ and θ = angle_i − angle_j maps F, T/R and M to loads. The twist
@@ -31,7 +31,7 @@ class _MomentLinearisation(NamedTuple):
     """Quantities of the linearisation of M, one row per contact."""
 
     before: np.ndarray  # (C, 3) ψ when the memory was committed
-    way: np.ndarray  # (C, 3) Δθ since then
+    way: np.ndarray  # (C, 3) Δθ since the commit
     secant: np.ndarray  # (C,) φ/|ψ|
     along: np.ndarray  # (C,) ∂φ/∂|ψ|
     by_overlap: np.ndarray  # (C,) ∂φ/∂δ at fixed ψ
@@ -40,7 +40,7 @@ class _MomentLinearisation(NamedTuple):
     reach_by_overlap: np.ndarray  # (C,)
     reach_by_force: np.ndarray  # (C,)
     weighted: np.ndarray  # (C,) as in `jacobian.Linearisation`
-    damping: np.ndarray  # (C,) of the dashpot of rolling
+    damping: np.ndarray  # (C,) coefficient of the rolling dashpot
     slides: np.ndarray  # (C,) 1 if ψ is at its cap
     twisting: np.ndarray  # (C,) k τ
     twisting_along: np.ndarray  # (C,) k, zero at the cap
@@ -60,7 +60,7 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
     )
     struct, shift = law_struct(law, members=TANGENTS), shifts(state.contacts, state.cell.vectors)
     core.linearise_moments(struct, state.cell.dim, here, state.contacts, shift, memory, out)
-    by_way = np.zeros((count, 3, 6))  # with respect to r and θ
+    by_way = np.zeros((count, 3, 6))  # derivatives with respect to r and θ
     by_way[:, :, 3:] = np.eye(3)
     psi, by_psi, by_reach = memory_tangent(
         turn, out.before, out.way, by_way, out.reach, out.reach_by_overlap, out.weighted > 0

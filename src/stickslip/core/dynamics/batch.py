@@ -55,8 +55,8 @@ class Sizes(NamedTuple):
     """Sizes of a batch, for all of its systems."""
 
     slots: int
-    room: int  # bodies of a system
-    most: int  # entries of a body in its list
+    room: int  # largest number of bodies of a system
+    most: int  # largest number of entries in the list of a body
     dim: int
     groups: int
     knots: int
@@ -110,10 +110,10 @@ class System(NamedTuple):
     """One leg with the data for its start."""
 
     leg: Leg
-    state: State  # at the start, with the forces of its last step
+    state: State  # state at the start, with the forces of its last step
     order: np.ndarray  # (B,) number of each body in the state
     single: int  # number of single grains
-    events: np.ndarray  # (E, EVENT) of the start, see `RecordBuffers.events`
+    events: np.ndarray  # (E, EVENT) events of the start, see `RecordBuffers.events`
 
 
 def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | RuntimeError]:
@@ -416,7 +416,7 @@ def _unpack(
     motion, here = read("motion", now), bodies_at_start(state, state.instant)
     if number[core.SLOT_PHASE] == core.BROKE:
         far = np.linalg.norm(motion[:, : state.cell.dim], axis=1) * leg.dt
-        grain = int(np.argmin(far <= here.radius))  # the first that does not, NaN included; walls come last
+        grain = int(np.argmin(far <= here.radius))  # the first that moved farther, or NaN; walls come last
         return RuntimeError(f"{ended}: grain {grain} moved by more than its radius in a step")
     here = here._replace(
         position=np.ascontiguousarray(read("point", now)[:, :3]), angle=read("angle"),

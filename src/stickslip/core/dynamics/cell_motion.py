@@ -31,7 +31,7 @@ class Flow(NamedTuple):
     factor: (
         np.ndarray
     )  # (2, C + 1) values of courses, mean over the step and at its end; the last is 1, for rates without a course
-    rate: np.ndarray  # (B, 6) of bodies, in the order of memory
+    rate: np.ndarray  # (B, 6) rates of bodies, in the order of memory
     follows: np.ndarray  # (B, 6)
 
     @property
@@ -45,7 +45,7 @@ class Frame(NamedTuple):
 
     free: np.ndarray  # (3, 3) bool
     given: np.ndarray  # (3, 3) rates of components that are not free
-    follows: np.ndarray  # (3, 3) course, or the last column: constant
+    follows: np.ndarray  # (3, 3) column of the time profile; the last stands for a constant
     wanted: np.ndarray  # (3, 3) stress
     mass: float
     knots: np.ndarray  # (K,)

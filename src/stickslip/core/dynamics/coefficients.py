@@ -97,7 +97,7 @@ def make_plan(state: State, drag: float, spin_drag: float, dt: float, tolerance:
 # ---- forces at the end of a run, stored so that the next run continues as if there had been no stop
 
 
-# these follow from the rest, or do not affect forces
+# these fields follow from the others, or do not affect forces
 _IGNORED = ("pair", "roll", "origin", "skin", "gap", "stale", "i", "j", "image")
 
 

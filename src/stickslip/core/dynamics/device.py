@@ -33,7 +33,7 @@ class Cuda:
     def allocate(self, arrays, law, sizes) -> None:
         """Allocate arrays of zeros, and set the law."""
         with self.stream:
-            self.arrays = {}  # frees the memory of the previous one
+            self.arrays = {}  # frees the memory of the previous batch
             self.arrays = {name: self.cupy.zeros(shape, kind) for name, (shape, kind) in arrays.items()}
             pointers = {name: array.data.ptr for name, array in self.arrays.items()}
             self._store("systems", core.fill("Batch", sizes._asdict() | pointers))

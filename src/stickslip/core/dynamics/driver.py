@@ -94,7 +94,7 @@ class _Run:
         given = ("Pace", pace), ("Frame", self.frame), ("Flow", self.flow), ("Pull", self.pull)
         self.constants = [value and core.fill(kind, value) for kind, value in given]
         self.set_writing(writing)
-        self.few = 1 + 300 / len(state.grains.radius)  # small choices are disproportionately expensive
+        self.few = 1 + 300 / len(state.grains.radius)  # choosing few pairs is disproportionately expensive
         # step; whether it has ended; whether velocities are those of the full step already
         self.progress = np.array([0, instant is not None, instant is None])
         self.residual = np.array([np.inf, -1.0])
@@ -204,7 +204,7 @@ class _Run:
         add_bonds(self.writing.series[row], with_neighbor_list(state, self.law), self.law)
 
     def finish(self, skin: float) -> State:
-        """State at the last step, whose list has the given skin."""
+        """State at the last step, with a contact list of the given skin."""
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
         pull, time = self.flow.matrix[core.PULL].copy() if self.imposed else np.zeros((3, 3)), float(clock[0])
         instant, here = Instant(_forces_in_state_order(self.moving), pull, 0), self.gather()
@@ -348,5 +348,5 @@ def _forces_in_state_order(moving) -> np.ndarray:
 
 
 def _without_open_pairs(contacts):
-    """List without open pairs; it takes half the memory."""
+    """List without open pairs, which takes half the memory."""
     return select_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))

@@ -39,7 +39,7 @@ _STORED = [COLUMNS.index(name) for name in ("kinetic", "normal", "tangential", "
 class Ledger(NamedTuple):
     """Energies at T samples, and work and dissipation since the start of the run [energy]."""
 
-    kinetic: np.ndarray  # (T,) of grains and walls, translations and rotations
+    kinetic: np.ndarray  # (T,) kinetic energy of grains and walls, translations and rotations
     normal: np.ndarray  # (T,) stored in normal springs
     tangential: np.ndarray  # (T,) stored in tangential springs
     external: np.ndarray  # (T,) work of forces, springs, torques, gravity, driven bodies, and the cell
@@ -67,7 +67,7 @@ class Books(NamedTuple):
 
     bodies: Bodies
     contacts: tuple
-    vectors: np.ndarray  # (3, 3) of the cell
+    vectors: np.ndarray  # (3, 3) vectors of the cell
     pull: np.ndarray  # (B, 3) forces of springs
     stride: int  # steps between two entries
     step: int  # step of the last entry
@@ -80,7 +80,7 @@ class Books(NamedTuple):
 
 
 def open_books(samples: int, stride: int, bodies: Bodies, state: State, law: Law, rate: bool) -> Books:
-    """Open the books before the first entry; `rate`: with `slip_update="rate"`."""
+    """Open the books before the first entry; `rate` is true with `slip_update="rate"`."""
     row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
     pull, walls = spring_forces(state.control, bodies.position, state.time), state.walls.mass
     mass, inertia = np.append(state.grains.mass, walls), np.append(state.grains.inertia, np.zeros(len(walls)))
@@ -134,8 +134,8 @@ def _ends_of_step(old: Bodies, now: Bodies, before, after, old_vectors, vectors)
 class Dissipation(NamedTuple):
     """Energy that each pair in the list has dissipated [energy]."""
 
-    sliding: np.ndarray  # (C,) by friction
-    dashpots: np.ndarray  # (C,)
+    sliding: np.ndarray  # (C,) dissipated by sliding friction
+    dashpots: np.ndarray  # (C,) dissipated by dashpots
 
     def check_entries(self) -> None:
         """Raise ValueError if an entry is not a finite number."""
@@ -147,9 +147,9 @@ class Dissipation(NamedTuple):
 def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0) -> Dissipation:
     """Energy dissipated by each pair in the list of `after` between two accepted states that are one small step apart.
 
-    Sliding dissipates the mean of |F_t| without dashpots at both ends of the step, times the distance slid: the slip
-    implied by the motion less the remaining slip. Dashpots dissipate (F_n − F_n,spring) and (F_t − F_t,spring) times
-    the relative velocities at the ends, averaged, times dt.
+    Sliding dissipates the spring's |F_t|, averaged over both ends of the step, times the distance slid, which is the
+    slip implied by the motion less the remaining slip. Dashpots dissipate (F_n − F_n,spring) and (F_t − F_t,spring)
+    times the relative velocities, averaged over both ends, times dt.
 
     The energy ledger of a run, `run(…, ledger=True)`, adds up the same numbers of all contacts.
 
@@ -213,7 +213,7 @@ class PathLedger:
         return bool(abs(defect) <= UNBALANCED * np.abs(row - self.row).sum())
 
     def post_run(self, end: State, ledger: Ledger) -> None:
-        """Post a run from the present state, sampled at its end; drag may then dissipate its remaining motion."""
+        """Post a run from the present state, whose ledger was sampled at its end; `stop` may follow."""
         self.row[_STORED], self.here = 0.0, end
         self.row += [column[-1] for column in ledger]
 

@@ -46,20 +46,20 @@ class Record(NamedTuple):
     touching: np.ndarray  # (T,) number of closed contacts
     sliding: np.ndarray  # (T,) number of contacts at the Coulomb limit
     virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; see `stress`
-    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any [1]
+    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero if there are none [1]
     momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
     coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included [1]
-    held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `measure.coordination`
+    held_coordination: np.ndarray  # (T,) the same mean without rattlers and their contacts: see `measure.coordination`
     rattlers: np.ndarray  # (T,) number of rattlers
     cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]
     group_position: np.ndarray  # (T, G, 3) centre of mass of each rigid group [length]
     group_velocity: np.ndarray  # (T, G, 3) [length/time]
-    group_force: np.ndarray  # (T, G, 3) of contacts on the group, dashpots included [force]
-    group_pull: np.ndarray  # (T, G, 3) of springs on the group [force]
-    position: np.ndarray  # (T, P, 3) of the probed grains [length]
+    group_force: np.ndarray  # (T, G, 3) force of contacts on the group, dashpots included [force]
+    group_pull: np.ndarray  # (T, G, 3) force of springs on the group [force]
+    position: np.ndarray  # (T, P, 3) positions of the probed grains [length]
     angle: np.ndarray  # (T, P, 3) [rad]
     events: np.ndarray  # structured: kind ("closed", "opened", "limit", "broke"), time, i, j, image, position of i
-    ledger: Ledger | None  # with `ledger=True`
+    ledger: Ledger | None  # energy ledger, with `ledger=True`
     periodic: np.ndarray  # (3,) bool: whether the cell repeats along each of its vectors
     dim: int  # 2 for disks in a plane, or 3
 
@@ -78,7 +78,7 @@ class Record(NamedTuple):
         """Stress of the contacts between grains, (T, 3, 3), compression positive [force/length^(dim−1)].
 
         It is defined as in `measure.stress`: elastic forces, without dashpots and kinetic contributions.
-        ValueError if the cell is not periodic in all its dimensions.
+        Raises ValueError if the cell is not periodic in all its dimensions.
         """
         return self.virial / self.volume[:, None, None]
 
@@ -151,11 +151,11 @@ class RecordBuffers(NamedTuple):
     reference: np.ndarray  # (N, 3)
     mass: np.ndarray  # (N,)
     inertia: np.ndarray  # (N,)
-    unit: np.ndarray  # (B,) and the number of supports: see `measure.supports`
+    unit: np.ndarray  # (B,) first member of the body's rigid group: see `measure.supports`
     supports: np.ndarray  # (B,)
     probes: np.ndarray  # (P,)
     series: np.ndarray  # (T, columns of all observables)
-    groups: np.ndarray  # (T, G, 4, 3) of rigid groups: position, velocity, force of contacts, force of springs
+    groups: np.ndarray  # (T, G, 4, 3) position, velocity, force of contacts, force of springs of rigid groups
     tracks: np.ndarray  # (T, P, 6)
     events: np.ndarray  # (E, 10) kind, time, i, j, image, position of i
     event_count: np.ndarray  # (1,)
@@ -174,7 +174,7 @@ def write_groups(row: np.ndarray, state: State, external, bodies, force, time: f
 
 
 def add_bonds(row: np.ndarray, state: State, law) -> None:
-    """Add the bonds of a state to one sample with the contributions of contacts; see `measure.touching`."""
+    """Add the bonds of a state to a sample that has the contributions of contacts; see `measure.touching`."""
     virial, nothing, least = np.zeros((3, 3)), np.zeros((state.n_bodies, 3)), least_supports(law, state.cell.dim)
     add_bond_loads(state.bonds, state.cell.dim, bodies_of(state), state.cell.vectors, nothing, nothing.copy(), virial)
     values = {

@@ -49,13 +49,13 @@ class Leg(NamedTuple):
     state: State
     law: Law
     dt: float  # [time]
-    steps: int  # from the state
+    steps: int  # number of steps after the state
     samples: int = 1  # number of returned states, evenly spaced, the last one at the end
     drag: float = 0.0  # [1/time]
     spin_drag: float | None = None  # [1/time], if different from drag; not in LAMMPS
     every: int = 0  # steps between samples of the record; 0: none
     detailed: bool = False  # whether the record has contact events, and all grains at each sample; not with LAMMPS
-    before: tuple[int, int] = 0, 0  # samples and steps that preceded the state, if samples are spaced with them
+    before: tuple[int, int] = 0, 0  # samples and steps that preceded the state, if all samples are evenly spaced
     walls: tuple[int, ...] | None = None  # number of each wall, if earlier legs had more walls
     waves: Mapping[int, Wave] = MappingProxyType({})  # courses that are waves, by column
     number: int = 0  # index in a sequence of legs
@@ -71,7 +71,7 @@ class Leg(NamedTuple):
 
     @property
     def wall_numbers(self) -> tuple[int, ...]:
-        """Number of each wall of the state among those of all legs."""
+        """Number of each wall of the state among the walls of all legs."""
         return tuple(range(len(self.state.walls.mass))) if self.walls is None else self.walls
 
     @property
@@ -94,7 +94,7 @@ class Engine(NamedTuple):
     MADE_BY = "protocols.lammps_engine"
     pieces: Callable[[Leg], Iterator[tuple[State, Record]]]
     stops: bool = True  # whether a leg can be ended before its last step
-    samples: int = 100  # largest record, in legs into which a long one may be divided
+    samples: int = 100  # largest number of samples of a leg, if a long one may be divided
 
 
 MOST_STEPS = 10**15  # largest number of steps of a run
@@ -154,8 +154,8 @@ def run(
     Returns
     -------
     State, Record, Outcome
-        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; a run that fails stops at once with
-        NOT_A_NUMBER or BLOWN_UP, and with the grain, the step, the time and the largest stable time step
+        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; a run that fails stops at once, and its
+        outcome, NOT_A_NUMBER or BLOWN_UP, names the grain, the step, the time and the largest stable time step
 
     Raises
     ------
@@ -261,7 +261,7 @@ def join_samples(samples: list[Record], leg: Leg) -> Record:
 
 
 def check_steps(steps: int, dt: float, every: int) -> None:
-    """Raise ValueError if these steps are not allowed."""
+    """Raise ValueError if the number of steps, their length or the spacing of samples is not allowed."""
     if not (np.isfinite(dt) and dt > 0):
         raise ValueError(f"dt must be positive, got {dt}")
     if steps < 0 or every < 0:
@@ -334,7 +334,7 @@ def stable_time_step(state: State, law: Law) -> float:
     check_materials(state, law)
     state = with_neighbor_list(state, law)
     here = bodies(state)
-    # of the contact network by power iteration on M^(−1/2) K M^(−1/2)
+    # ω² of the contact network by power iteration on M^(−1/2) K M^(−1/2)
     start = np.sin(1.0 + 7.0 * np.arange(state.n_bodies)[:, None] + 3.1 * np.arange(6))
     scratch = np.empty_like(start), np.empty((len(state.contacts.i), 6))
     largest = core.largest_squared_frequency(*_network(state, law, here), ROUNDS, start, *scratch)

@@ -1,7 +1,7 @@
 """Contact laws: an integer `kind`, an integer `coulomb`, and a table of parameters for each pair of materials.
 
-The kind of a built-in law is its place in the table `builtin_laws`, whose properties describe it. The compiled core
-evaluates it.
+The kind of a built-in law is its index in the table `builtin_laws`, which also contains its properties. The compiled
+core evaluates the law.
 """
 
 from collections.abc import Callable
@@ -53,7 +53,7 @@ class Law(NamedTuple):
     coulomb: int
     table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
     damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, plus NO_TENSION
-    properties: int = 0  # sum of those of `laws.properties`
+    properties: int = 0  # sum of flags, which are defined in `laws.properties`
 
     def check_entries(self) -> None:
         """Raise ValueError if compiled code does not know this law."""
@@ -157,7 +157,7 @@ def hertz_mindlin_reff(
 # Laws whose normal force has additional parameters: adhesion, liquid bridges, plasticity. All have the parameters of
 # `hertz_mindlin`, including `coulomb`, `damping` and `tension`, and additional ones. Dashpots act where the overlap is
 # positive, and contribute to no cap except that of `walton_braun`. Viscoelastic dashpots of `jkr` use the radius √(δ
-# R_eff), those of LAMMPS use a.
+# R_eff), whereas those of LAMMPS use a.
 
 
 @checked
@@ -167,7 +167,7 @@ def jkr(
 ) -> Law:  # fmt: skip
     """F_n = k_n a³/R_eff − √(6π w k_n a³), δ = a²/R_eff − √(8πwa/(3k_n)); F_t = −k_t a s, |F_t| ≤ μ |F_n + 3πwR_eff|.
 
-    Adhesive elastic spheres. Contacts form at touch, attract by at most 1.5 π w R_eff, and pull off at a gap of
+    Adhesive elastic spheres. Contacts form at zero gap, attract by at most 1.5 π w R_eff, and pull off at a gap of
     (27 c²/256)^{1/3}/R_eff, c = 8πwR_eff²/(3k_n). Without adhesion this is `hertz_mindlin_reff`.
 
     Parameters
@@ -195,8 +195,8 @@ def dmt(
 ) -> Law:  # fmt: skip
     """F_n = k_n √R_eff δ^{3/2} − 2πwR_eff; F_t = −k_t √(δ R_eff) s, |F_t| ≤ μ |F_n + 4πwR_eff|.
 
-    Small, stiff adhesive spheres: the attraction appears and vanishes at touch, so that energy is conserved
-    only as far as the time step resolves the jump.
+    Small, stiff adhesive spheres: the attraction appears and vanishes at zero overlap, so that energy is
+    conserved only as far as the time step resolves the jump.
 
     Parameters
     ----------
@@ -248,8 +248,8 @@ def liquid_bridge(
 ) -> Law:  # fmt: skip
     """F_n = k_n √R_eff δ^{3/2} − 4πγR_eff [h(g) − h(V^{1/3})], h(g) = 1 − g/√(g² + V/(πR_eff)), g = max(−δ, 0).
 
-    Wet spheres with a contact angle of zero. Bridges form at touch and break at a gap of V^{1/3}; the attraction there
-    is subtracted. F_t = −k_t √(δ R_eff) s, at most μ k_n √R_eff δ^{3/2}.
+    Wet spheres with a contact angle of zero. Bridges form at zero gap and break at a gap of V^{1/3}; the attraction at
+    this gap is subtracted. F_t = −k_t √(δ R_eff) s, at most μ k_n √R_eff δ^{3/2}.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def liquid_bridge(
     return make_law("liquid_bridge", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t, **own)
 
 
-# by name: each built-in law has the name of its constructor, which may have an argument `rescaled`
+# constructors by name, which is that of the law; some have an argument `rescaled`
 CONSTRUCTORS: dict[str, Callable[..., "Law"]] = {
     law.name: partial(globals()[law.name.removesuffix("_rescaled")], rescaled=True)
     if law.rescales
@@ -304,7 +304,7 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
 
 
 def make_law(law_name, coulomb, damping, tension, *values, **own) -> Law:
-    """Law from the values of its parameters; `own` are those specific to this law."""
+    """Law from the values of its parameters; `own` contains parameters that only this law has."""
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
         raise ValueError(f"coulomb must be 'sharp' or 'smooth', got {quoted(coulomb)}")
     if not isinstance(damping, str) or damping not in DAMPING:
@@ -341,7 +341,7 @@ MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:
-    """Damping model of the law; 0 if no pair of materials has dashpots, including those of moments."""
+    """Damping model of the law; 0 if no pair of materials has dashpots, for forces or moments."""
     dashpots = DAMPING_N, DAMPING_T, *(k for k, name in enumerate(parameter_names(law)) if name in _DASHPOTS)
     return law.damping if law.table[..., dashpots].any() else 0
 
@@ -466,7 +466,7 @@ def _parameters(law: Law) -> dict[str, np.ndarray]:
 
 
 _VISCOUS = {"gamma_roll": ("time/length", "rolling dashpot over R_eff² F_n")}
-_SCALED = {  # with the contact radius a
+_SCALED = {  # parameters scaled with the contact radius a
     "k_twist": ("force/length", "twisting stiffness over a²"), "mu_twist": ("1", "largest twisting moment over a F_n"),
     "gamma_twist": ("1", "twisting dashpot over a² times the tangential one"),
 }  # fmt: skip

@@ -64,7 +64,7 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
 
     Parameters
     ----------
-    rate : slip update as in LAMMPS
+    rate : True if the slip is updated as in LAMMPS
     members : functions of a user-defined law that will be called, such as `FORCES`; others are null
     """
     if isinstance(law.kind, Kind):
@@ -106,7 +106,7 @@ def _check_slopes(kind: Kind, values: tuple[float, ...]) -> None:
 
 
 def _column(law: Law, part: int) -> int:
-    """Column of the first parameter of a property, after those of previous properties; 0 without it."""
+    """Column of the first parameter of a property, after those of previous properties; 0 if the law lacks it."""
     return len(parameter_names(law._replace(properties=law.properties % part))) if law.properties & part else 0
 
 
@@ -180,7 +180,7 @@ def numba_functions(kind: Kind) -> dict:
 
 
 def _compile(function, made: dict, njit):
-    """Copy of a function in which it and all functions that it calls are compiled."""
+    """Compiled copy of a function, which calls compiled copies of other functions."""
     if isinstance(function, types.ModuleType) and function is not np:
         if function in made:  # modules may refer to each other
             return made[function]
@@ -201,7 +201,7 @@ def _compile(function, made: dict, njit):
 
 
 def _names(code: types.CodeType) -> set[str]:
-    """Global names that code uses, with those of functions within it."""
+    """Global names that code uses, including those used by nested functions."""
     inner = (part for part in code.co_consts if isinstance(part, types.CodeType))
     return {*code.co_names, *(name for part in inner for name in _names(part))}
 
@@ -339,10 +339,10 @@ def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, no
 
 
 def largest_stiffness(law: Law, r_eff: float, deepest: float) -> float:
-    """Largest stiffness of a law, of its first materials, between the end of its range and an overlap [force/length].
+    """Largest stiffness of a law for material 0 between the end of its range and an overlap [force/length].
 
-    That of a built-in law grows with the overlap. The rolling stiffness of a user-defined law is converted to k_r m/I,
-    with the I of spheres.
+    The stiffness of a built-in law grows with the overlap. The rolling stiffness of a user-defined law is converted to
+    k_r m/I, with the I of spheres.
     """
     values = law.table[0, 0].tolist()
     if not isinstance(law.kind, Kind):

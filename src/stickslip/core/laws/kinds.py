@@ -25,14 +25,14 @@ class UserLaw(NamedTuple):
     names: tuple[str, ...]  # names of all parameters, in the order of the law's table
     source: str  # text, if available
     file: str  # path, if the source is the text of a whole file; else empty
-    functions: dict[str, Callable]  # by role, as written except for the replacements of `math`, `max` …
+    functions: dict[str, Callable]  # functions by role, as written except for the replacements of `math`, `max` …
     arguments: dict[str, tuple[str, ...]]  # arguments of each function, in order
-    memory: dict[str, float]  # additional memory of a contact when it closes
+    memory: dict[str, float]  # values of the additional memory of a contact when it closes
     bonds: bool  # gaps are bridged only after the grains have touched
     size: float  # a grain radius for which the law is validated
 
 
-USER_LAWS: dict[int, UserLaw] = {}  # by kind: laws defined in this process
+USER_LAWS: dict[int, UserLaw] = {}  # laws defined in this process, by kind
 
 
 class Kind(int):
@@ -98,7 +98,7 @@ def evaluate_role(kind: Kind, role: str, values, **given):
 
 
 def bound(own: UserLaw, role: str, values: dict) -> list:
-    """Arguments of a function from values by name; missing memory has its value when a contact closes."""
+    """Arguments of a function from values by name; missing memory has the value that it has when a contact closes."""
     values = own.memory | values
     return [values[name] for name in own.arguments[role]]
 

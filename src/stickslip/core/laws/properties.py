@@ -1,7 +1,7 @@
 """Properties that any contact law can have: lever arms, memory of forces, rolling, twisting, restitution.
 
 Where the parameter of dashpots is a coefficient of restitution, a contact with F_n = k δ^p and
-c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator of δ^{(p+1)/2}. The restitution of a head-on collision then
+c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator in δ^{(p+1)/2}. The restitution of a head-on collision then
 depends neither on size nor on speed, only on D = α/√(2(p + 1)).
 """
 
@@ -122,7 +122,7 @@ def with_rolling(
     model : "constant", "viscous" or "spring"
     k_roll : k [force/length]
     mu_roll : μ_r [1]
-    gamma_roll : γ [force time/length], of a viscous moment [time/length]
+    gamma_roll : γ [force time/length], or [time/length] for a viscous moment
 
     Source
     ------
@@ -162,8 +162,8 @@ def with_twisting(
         marshall  M = −½ k_t a² τ − ½ c_t a² ω_n, |½ k_t a² τ| and |M| ≤ ⅔ a μ P
 
     These are LAMMPS `twisting sds` and `twisting marshall`. With `marshall`, k_t is the parameter `kt`, as in LAMMPS;
-    Marshall multiplies that of Hertzian contacts by a. Its coefficients ½ k_t, ⅔ μ and ½ become parameters of the law
-    for each pair of materials. Two dimensions have no twisting.
+    Marshall multiplies the k_t of Hertzian contacts by a. The coefficients ½ k_t, ⅔ μ and ½ become parameters of the
+    law for each pair of materials. In two dimensions, there is no twisting.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def angular_columns(law: Law) -> int:
     return COLUMNS + twisted if resists_rolling(law) or law.properties & LEVER else 0
 
 
-HALVINGS = 60  # bisections of the interval in which D is sought, down to round-off
+HALVINGS = 60  # number of bisections of the interval in which D is sought; they reach round-off
 _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 
 
@@ -271,14 +271,14 @@ def dashpot_coefficients(law: Law) -> np.ndarray:
 
 
 def critical_coefficient(kind: int) -> float:
-    """α of critical damping, √(2(p + 1)); that of Hertzian contacts for a user-defined law."""
+    """α of critical damping, √(2(p + 1)); for a user-defined law, the value for Hertzian contacts."""
     power = 1.5 if isinstance(kind, Kind) else BUILTIN_LAWS[kind].exponent
     return float(np.sqrt(2 * (power + 1)))
 
 
 @lru_cache
 def damping_ratio(restitution: float, *, tension: bool) -> float:
-    """D of a head-on collision with a coefficient of restitution above 0."""
+    """Damping ratio D of a head-on collision with a coefficient of restitution above 0."""
     lost = -log(restitution)
     if tension:
         return lost / hypot(pi, lost)
@@ -292,7 +292,7 @@ def damping_ratio(restitution: float, *, tension: bool) -> float:
 
 
 def restitution_of(ratio: float, *, tension: bool) -> float:
-    """Coefficient of restitution of a head-on collision with D; 0 if contacts that may attract never open."""
+    """Coefficient of restitution at a damping ratio D; 0 if contacts that may attract never open."""
     if tension:
         return exp(-pi * ratio / np.sqrt(1 - ratio**2)) if ratio < 1 else 0.0
     return exp(-_lost_by_opening(-float(np.arccos(ratio)) if ratio < 1 else float(np.arccosh(ratio))))

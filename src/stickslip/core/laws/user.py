@@ -184,11 +184,11 @@ def custom(
     normal_energy : ∫F_n dδ from the end of the range [energy]; by default computed by quadrature, which is exact for
         powers δ, δ^{3/2}, δ² … and accurate to a few digits for others; used by the energy ledger only
     update : new memory of a contact, from the previous memory, `overlap`, `r_eff` and parameters: a number, or a tuple
-    in the order of `memory`. A second update at the same overlap must not change it. Other functions receive the memory
-    after the update
+    in the order of `memory`. A second update at the same overlap must leave it unchanged. Other functions receive the
+    memory after the update
     parameters : values by name. kn, kt, mu, damping_n and damping_t exist in every law (1, 0, 0, 0, 0 unless given; mu
         is 1 if there is a `cap` that does not use it); others may be added
-    memory : values by name when a contact closes. All functions except the range may have these arguments
+    memory : values by name when a contact closes. All functions except the range may use these names as arguments
     bonds : True if a pair acts across a gap only after it has touched, until the gap exceeds the range
     coulomb, damping, tension : as in `hertz_mindlin`; dashpots act only where overlap > 0
     size : a grain radius for which the law is validated [length]
@@ -311,7 +311,7 @@ def from_file(path: str | Path, **parameters: float) -> Law:
     Raises
     ------
     ValueError
-        If the file does not compile or run, or if `custom` raises it; the message gives the line.
+        If the file does not compile or run, or if `custom` raises ValueError; the message gives the line.
     """
     path = Path(path)
     if not path.is_file():
@@ -322,7 +322,7 @@ def from_file(path: str | Path, **parameters: float) -> Law:
 def from_text(text: str, path: Path, parameters: dict) -> Law:
     """Contact law from the text of a Python file, which is executed; see `from_file`."""
     scope = {"__name__": path.stem, "__file__": str(path)}
-    linecache.cache[str(path)] = len(text), None, text.splitlines(keepends=True), str(path)  # for messages
+    linecache.cache[str(path)] = len(text), None, text.splitlines(keepends=True), str(path)  # for lines in messages
     try:
         exec(compile(text, str(path), "exec"), scope)
     except SyntaxError as problem:

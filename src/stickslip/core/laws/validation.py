@@ -10,7 +10,7 @@ from .kinds import HELP, ROLES, USER_LAWS, UserLaw, bound, update_memory
 
 MAX_RANGE = 100.0  # largest range of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
-OVERLAP_RATIOS = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # test overlaps over the size
+OVERLAP_RATIOS = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # test overlaps, divided by the size
 SLOPE_TOLERANCE = (
     1e-3  # fraction of the largest slope: accuracy of differences over a step of 1e-6 for smooth functions
 )
@@ -81,7 +81,7 @@ def _memories(own: UserLaw, values: dict, size: float) -> list[dict]:
         except Exception as problem:
             raise ValueError(
                 f"update cannot be evaluated, {_error_location(problem)}: it must return {len(own.memory)} real "
-                f"number(s), also of a complex overlap; {HELP}"
+                f"number(s), also for a complex overlap; {HELP}"
             ) from None
         for name, value in new.items():
             if not isinstance(value, int | float | np.floating | np.integer) or not np.isfinite(value):

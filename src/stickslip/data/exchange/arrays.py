@@ -46,7 +46,7 @@ from .frame import Frame, bounding_box, law_from_dict, law_to_dict, list_losses,
 REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
 MOTION = ("velocity", "spin", "angle")
-BOND = "bond_"  # begins the names of the fields of bonds
+BOND = "bond_"  # beginning of the names of fields of bonds
 BONDS = tuple(f"{BOND}{name}" for name in Bonds._fields)
 OPTIONAL = (*BONDS, "mass", "density", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0", "assumed")
 UNITS = "units"  # optional: "SI", or names of length, mass and time
@@ -156,7 +156,7 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
     Raises
     ------
     PackingError
-        If the file has arrays with other names, or lacks some.
+        If the file has arrays with other names, or lacks required ones.
     """
     names = (*REQUIRED, *OPTIONAL, *LAW, UNITS)
     for name in arrays:
@@ -242,13 +242,13 @@ def law_from_options(options: dict) -> Law:
 
 GSD_SCHEMA = 2  # schema of the chunks under stickslip/; earlier ones are read
 PREFIX = "stickslip/"
-SHOWN = ("sticking", "sliding")  # types of the bonds that show contacts
-CEMENT = ("bond", "broken bond")  # and of those that show bonds
+SHOWN = ("sticking", "sliding")  # types of GSD bonds that stand for contacts
+CEMENT = ("bond", "broken bond")  # types of GSD bonds that stand for bonds
 META = f"{PREFIX}meta"
-ENTRY = np.dtype("<u8, <u8, <i8, <u4, <u2, u1, u1")  # of the file index
+ENTRY = np.dtype("<u8, <u8, <i8, <u4, <u2, u1, u1")  # entry of the file index
 ENTRY.names = "frame", "rows", "at", "columns", "id", "type", "flags"
 NAME, TYPES = 64, np.array([0.0, 1, 2, 4, 8, 1, 2, 4, 8, 4, 8, 1])  # sizes of a name, and of numbers by type [bytes]
-# memory of a particle or bond [bytes], even if the file contains only their number: the rest has defaults
+# memory of a particle or bond [bytes], even if the file contains only their number: other data have defaults
 TAKES = {"particles": 300, "bonds": 20, "angles": 24, "dihedrals": 32, "impropers": 32, "constraints": 16, "pairs": 20}
 KINDS = (core.Grains, core.Walls, core.Cell, core.Contacts, core.Control, core.Instant, core.Bonds)
 NOUNS = {kind.__name__.lower(): kind for kind in KINDS}
@@ -390,12 +390,12 @@ def _sizes_of_frames(path: Path) -> dict[int, float]:
             raise ValueError(f"a file of {stored} bytes declares an index of {number} entries and {most} names")
         file.seek(start)
         index = np.frombuffer(file.read(number * ENTRY.itemsize), ENTRY)
-    index = index[np.cumprod(index["at"] != 0).astype(bool)]  # the first entry without a location ends it
+    index = index[np.cumprod(index["at"] != 0).astype(bool)]  # the first entry without a location ends the index
     size = TYPES[np.minimum(index["type"], len(TYPES) - 1)] * index["rows"] * index["columns"]
     if ((index["at"] < 0) | (index["at"] + size > stored)).any():
         raise ValueError("a chunk is declared beyond the end of the file")
     frames, places = np.unique(index["frame"], return_inverse=True)
-    sizes = np.bincount(places, 8.0 * index["rows"] * index["columns"])  # as numbers in double precision
+    sizes = np.bincount(places, 8.0 * index["rows"] * index["columns"])  # memory as numbers in double precision
     return dict(zip(frames.tolist(), sizes.tolist(), strict=True))
 
 

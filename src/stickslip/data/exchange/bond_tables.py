@@ -1,4 +1,4 @@
-"""Tables of bonds beside a packing: a row for each, with its two grains, stiffnesses and strengths.
+"""Tables of bonds that accompany a packing: a row for each bond, with its two grains, stiffnesses and strengths.
 
 Columns are described once, in `NAMES`. Those of YADE are attributes of `CohFrictPhys` and `JCFpmPhys`: stiffnesses of a
 bond and the loads at which it breaks, in tension or in shear, whichever comes first. Those of PFC are properties of
@@ -113,7 +113,7 @@ def _check_values(path: Path, known: dict[str, np.ndarray]) -> None:
 
 
 def _numbers(path: Path, known: dict[str, np.ndarray], n: int, of_pfc: bool) -> tuple[np.ndarray, list[str]]:
-    """(K, 2) rows of the grains, from 0, and an assumption if their start is unknown."""
+    """(K, 2) rows of the grains, from 0, and an assumption if the file may count from 0 or from 1."""
     ends = np.stack([known["i"], known["j"]], axis=1)
     if not len(ends) or not (ends == np.round(ends)).all():
         raise PackingError(f"{path} lists no pairs of grains: i and j must be whole numbers, the rows of grains from 0")

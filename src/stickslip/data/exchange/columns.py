@@ -24,8 +24,8 @@ from ...core.text import decode_text, has_wide_letters
 from ...known import HARMLESS, USED
 from ..sample import COLUMNS, Absent, Assumption, Obstacle, PackingError, accepted, account_for, from_arrays
 
-HEAD = 2**14  # bytes at the beginning of a file by which its format is detected
-FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions that are few, and words that are examined
+HEAD = 2**14  # number of bytes at the beginning of a file that identify its format
+FEW_DIGITS, SAMPLED = 9, 3000  # largest number of digits that counts as few, and number of words examined
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 MOST_DIGITS = 12  # largest number of digits in a number of grains
 LONGEST_LINE = 60  # length of lines quoted in messages [characters]
@@ -40,26 +40,26 @@ class ListedBonds(NamedTuple):
     kind: np.ndarray  # (K,) type from 1; others are broken or turned off
     source: str  # name of the file
     labels: dict[str, str]  # types by their labels
-    length: np.ndarray | None = None  # (K,) at rest, zero where unknown; None: not in any file [length]
+    length: np.ndarray | None = None  # (K,) length at rest, zero where unknown; None: not in any file [length]
     direction: np.ndarray | None = None  # (K, 3) as in `Bonds`; None: grains have no orientations
-    turn: np.ndarray | None = None  # (K, 4), likewise
-    weights: tuple[float, ...] = ()  # three of special_bonds, of contacts; empty if they are not in the file
+    turn: np.ndarray | None = None  # (K, 4) as in `Bonds`; None: grains have no orientations
+    weights: tuple[float, ...] = ()  # three weights of special_bonds for contacts; empty if not in the file
 
 
 class Packing(NamedTuple):
     """A packing as a file describes it: arrays for `from_arrays`, or the state itself."""
 
     name: str  # name of the state in its file: a time step, the number of a frame, a path in an archive
-    arrays: dict  # for `from_arrays`
-    notes: list[str]  # on assumptions and omissions
+    arrays: dict  # arguments of `from_arrays`
+    notes: list[str]  # notes on assumptions and omissions
     step: int = -1  # time step; −1: unknown
     ids: np.ndarray | None = None  # (N,) ids that contacts refer to, increasing
-    types: np.ndarray | None = None  # (N,) from 0, rows of the law's table
+    types: np.ndarray | None = None  # (N,) types from 0, which are rows of the law's table
     force: np.ndarray | None = None  # (N, 3) resultant on each grain [force]
-    state: State | None = None  # complete, with its memory
+    state: State | None = None  # complete state with its memory
     setting: Callable[[State], State] | None = None  # adds walls and loads to the grains
     memory: tuple | None = None  # `Restart`, which holds the memory of contacts
-    law: Law | dict | None = None  # or options of `law_by_name`
+    law: Law | dict | None = None  # law, or options of `law_by_name`
     labels: dict[str, int] | None = None  # types of atoms by their labels, from 1
     bonds: ListedBonds | None = None  # None: the format has no bonds
 
@@ -134,7 +134,7 @@ def read_lines(
         text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
     except ValueError as problem:
         raise PackingError(str(problem)) from None
-    if text and not text.endswith("\n"):  # a truncated number is still a number
+    if text and not text.endswith("\n"):  # a truncated number would be read as a number
         raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no newline")
     return text
 
@@ -256,7 +256,7 @@ def names_by_content(rows: np.ndarray) -> list[str] | None:
         )
     if width == 6 and (rows[:, :2] == np.round(rows[:, :2])).all() and np.isin(rows[:, 5], (-1, 0, 1)).all():
         return ["frame", "id", "x", "y", "radius", "edge"]
-    size = width // 2 - 1  # the first of radius and density
+    size = width // 2 - 1  # the first column of radius and density
     if width in (6, 8) and (sizes := rows[:, size : size + 2]).min(initial=1.0) > 0:
         names = [*"xyz"[:size], "radius", "density", *("vx", "vy", "vz")[:size]]
         return names if len(np.unique(sizes, axis=0)) <= PHASES else None
@@ -269,7 +269,7 @@ def is_matlab(path: Path) -> bool:
 
 
 def identify_columns(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns by the names used here, vectors (N, 2) or (N, 3), others (N,); and the names of unused ones."""
+    """Columns by the names used here, vectors (N, 2) or (N, 3), others (N,); and the names of unused columns."""
     plain = {plain_name(name): np.asarray(value) for name, value in columns.items()}
     out, taken = {}, set()
     for noun, names in SINGLE.items():
@@ -312,7 +312,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         some = " ".join(list(columns)[:20])
         lacks = "no positions" if "position" not in known else "no radii"
         there = f"columns {some}: {lacks} among them;" if some else "no columns:"
-        raise PackingError(f"{what} has {there} {NEEDED} are needed, under such names")
+        raise PackingError(f"{what} has {there} {NEEDED} are needed, with these names")
     count = len(known["position"])
     for column, values in columns.items():
         if column not in rest and np.ndim(values) and len(values) != count:
@@ -332,7 +332,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         rest = [name for name in rest if name != turn]
     if kind := _column_of(KINDS, rest, columns):
         kinds, rest = np.asarray(columns[kind]), [name for name in rest if name != kind]
-        counted = (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0  # from 0, otherwise in sorted order
+        counted = (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0  # from 0
         known["types"] = kinds.astype(np.int64) if counted else np.unique(kinds, return_inverse=True)[1]
     ids = known.get("id")
     if ids is not None and not (len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all()):
@@ -418,7 +418,7 @@ def contradictions(what: str, known: dict[str, np.ndarray], dim: int = 3) -> lis
 
 
 def at_rest(what: str, known: dict) -> list[Assumption]:
-    """Note that motion missing from a file is assumed to be zero."""
+    """Note stating that motion missing from a file is assumed to be zero."""
     lacking = [word for name, word in (("velocity", "velocities"), ("spin", "spins")) if name not in known]
     if not lacking:
         return []

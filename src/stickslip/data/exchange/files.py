@@ -72,7 +72,7 @@ class Format(NamedTuple):
     name: str
     recognize: Callable[[bytes], bool]
     read: Callable[..., list[Packing]]
-    of_lammps: bool = False  # whether it has the options for LAMMPS files
+    of_lammps: bool = False  # whether the options for LAMMPS files apply
     packs: bool = True  # whether files compressed as a whole are read
 
 
@@ -107,7 +107,7 @@ def is_measured(path: Path, contacts: Path | None) -> bool:
 
 
 def find_format(path: Path) -> Format:
-    """Format of a file; PackingError with its first lines if it is unknown."""
+    """Format of a file; raise PackingError, with the first lines of the file, if it is unknown."""
     head = read_content(path, HEAD)
     of_wings = [  # tried before those of the laboratory
         Format(one.name, partial(re.match, one.start), partial(_read_by_wing, wing, one), packs=False)
@@ -162,7 +162,7 @@ SINGLE |= dict.fromkeys(LAMMPS_DATA, _here("lammps_text.write_lammps"))
 LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
 WHOLE = ("coulomb", "young", "poisson", "damping", "tension")  # options that a complete law contains
-OPTIONS = {  # of `read_packing`, except numbers, which laws check
+OPTIONS = {  # options of `read_packing`, except numbers, which laws check
     "law": str | Path | Law, "coulomb": str, "damping": str, "tension": bool, "parameters": dict, "i0": float,
     "contacts": str | Path, "columns": str, "boundary": str, "atom_style": str,
 }  # fmt: skip
@@ -306,7 +306,7 @@ def build_state(packing: Packing, pairs: "Pairs | None", law: Law) -> tuple[Stat
 
 
 def chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
-    """The given law, or that of the packing with the given numbers; without either, the default law."""
+    """The given law, or that of the packing with the given parameters; without either, the default law."""
     its = packing.law
     numbers = isinstance(its, Law) and own is None and {*given} <= {*parameter_names(its)}
     if numbers:
@@ -371,7 +371,7 @@ def separate_law(given: dict) -> tuple[dict, Law | None]:
 
 
 def lammps_law(given: dict, *, memory: bool) -> Law:
-    """Law for LAMMPS files; all of its parameters are required if contacts provide their `memory`."""
+    """Law for LAMMPS files; all of its parameters are required if the `memory` of contacts follows from forces."""
     if not memory:
         return law_from_options(given)
     from .lammps_file import complete_law_options

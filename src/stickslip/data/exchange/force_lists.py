@@ -1,4 +1,4 @@
-"""Tables of grains and contact forces: with headings, or without as in the lists of PeGS2 and RigidLibrary."""
+"""Tables of grains and contact forces, with headings, or without them as in the lists of PeGS2 and RigidLibrary."""
 
 import re
 from pathlib import Path
@@ -22,20 +22,20 @@ from .table_file import names_of, read_columns, recognize
 
 PIXELS = ("px", "pix", "pixel", "pixels")
 NEEDED, FORCES = ("i", "j", "fn", "ft"), ("fn", "ft", "fnerror", "fterror")
-OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # columns of grains, as plain names
+OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # columns of grains, named as by `plain_name`
 FRAMES = ("frame", "step", "timestep", "time")
 WIDEST = 1.0  # gap or overlap of grains in contact, over the smaller radius
 FAR = 5.0  # errors beyond which a measurement is impossible
 OPPOSITE = 0.05  # remaining fraction of the mean square below which both readings of contacts count as opposite
 FEW = 0.1  # largest fraction of contacts that may pull if errors are unknown
-SIGNED = 10  # number of tangential forces whose common sign is unlikely to be chance
+SIGNED = 10  # number of tangential forces whose common sign is unlikely to be due to chance
 NAMELESS_GRAINS = {
     3: ["x", "y", "radius"], 4: ["x", "y", "z", "radius"], 5: ["id", "x", "y", "radius", "edge"],
     6: ["frame", "id", "x", "y", "radius", "edge"],
 }  # fmt: skip
 NAMELESS_CONTACTS = {4: ["i", "j", "fn", "ft"], 5: ["frame", "i", "j", "ft", "fn"]}
 BONDS = ["i", "j", "slides", "ft", "fn"]  # columns of RigidLibrary, whose third column has flags
-MATRICES = ("Norm", "Tan")  # in file names of its matrices of normal and tangential forces
+MATRICES = ("Norm", "Tan")  # in file names of RigidLibrary's matrices of normal and tangential forces
 ALIASES = {
     "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "particleid", "body1", "a"),
     "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "neighborid", "b"),
@@ -49,14 +49,14 @@ VECTORS = ("f", "ft")  # total and tangential force on the first grain
 
 
 class Lists(NamedTuple):
-    """Content of two tables at one frame; names as in `measured_forces`."""
+    """Content of two tables for one frame; names as in `measured_forces`."""
 
-    fields: dict[str, Any]  # for `measured_forces`
+    fields: dict[str, Any]  # arguments of `measured_forces`
     notes: list[str]
 
 
 def is_table_of_forces(grains: Path, contacts: Path) -> bool:
-    """Return True for a table of contacts with normal forces, or, beside a table of grains, other lists of forces."""
+    """Return True for a table of contacts with normal forces or, with a table of grains, for other lists of forces."""
     text = head_text(read_content(contacts, HEAD))
     if text.startswith("ITEM: TIMESTEP"):
         return False
@@ -95,7 +95,7 @@ def _has_forces(names: list[str] | None) -> bool:
 
 
 def frames_of_lists(path: Path, contacts: Path) -> list[str]:
-    """Names of the frames in both tables; none without a frame column."""
+    """Names of the frames in both tables; empty if there is no frame column."""
     grains = _grains_of(path)[0]
     forces = _contacts_of(contacts, grains)[0]
     return [f"{step:g}" for step in _common_frames(path, grains, contacts, forces, [])]
@@ -131,11 +131,11 @@ def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
 
 
 def _grains_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns of grains by plain names."""
+    """Columns of grains, named as by `plain_name`."""
     columns, notes = read_columns(path, NAMELESS_GRAINS)
     _check_units(path, columns)
     out = {plain_name(name): values for name, values in columns.items()}
-    if notes and len(out) == 4 and (out["radius"] <= 0).any():  # as centers.txt of PeGS2
+    if notes and len(out) == 4 and (out["radius"] <= 0).any():  # as in centers.txt of PeGS2
         out = dict(zip(("x", "y", "radius", "edge"), out.values(), strict=True))
         out["id"] = 1.0 + np.arange(len(out["x"]))
     more = []
@@ -149,7 +149,7 @@ def _grains_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
 
 
 def _contacts_of(path: Path, grains: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns of contacts by plain names."""
+    """Columns of contacts, named as by `plain_name`."""
     first = _first_line(path)
     if _may_be_matrix(first) and names_of(first) is None and len(_entries(first)) == len(grains["x"]):
         return _matrices_of(path, grains)
@@ -289,7 +289,7 @@ def _join(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[st
 
 
 def _place(path: Path, grains: dict, notes: list[str]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Rows of grains without missing numbers, and the ids of the others."""
+    """Rows of grains without missing numbers, and the ids of the remaining grains."""
     known, rest = identify_columns(grains)
     whole = np.all([np.isfinite(values) for name, values in grains.items() if name not in rest], axis=0)
     ids = known.get("id", np.zeros(0))
@@ -387,7 +387,7 @@ def _average(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, 
         return out
     size = {}
     for a, values in (("n", along), ("t", across)):
-        half = (values - out[f"force_{a}"][row])[twice[row]]  # of the difference, for either sign
+        half = (values - out[f"force_{a}"][row])[twice[row]]  # half the difference, for either sign
         if 2 * (out[f"force_{a}"][twice] ** 2).sum() < OPPOSITE * (half**2).sum():
             noun = "normal" if a == "n" else "tangential"
             raise PackingError(
@@ -428,7 +428,7 @@ def _pressing(contacts: Path, network: dict, ids: np.ndarray, notes: list[str]) 
 
 
 def _near(contacts: Path, network: dict, place: np.ndarray, radius: np.ndarray, notes: list[str]) -> dict:
-    """Drop contacts whose grains are far apart, as after a mix-up, if they are few; if there are many, keep all."""
+    """Drop contacts whose grains are far apart, such as mistaken ones, if they are few; if there are many, keep all."""
     i, j = network["pair_i"], network["pair_j"]
     gap = np.linalg.norm(place[i] - place[j], axis=1) - radius[i] - radius[j]
     share = np.abs(gap) / np.minimum(radius[i], radius[j])

@@ -35,8 +35,8 @@ class MeasuredForces(NamedTuple):
     pair_i: np.ndarray  # (C,) grains from 0
     pair_j: np.ndarray  # (C,)
     force_n: np.ndarray  # (C,) normal forces, not negative [force]
-    force_t: np.ndarray  # of disks (C,), positive if they turn both from x to y; of spheres (C, 3), on i [force]
-    position_error: np.ndarray  # (N,) of each coordinate; NaN: unknown [length]
+    force_t: np.ndarray  # disks: (C,), positive if they turn both from x to y; spheres: (C, 3), on i [force]
+    position_error: np.ndarray  # (N,) error of each coordinate; NaN: unknown [length]
     force_n_error: np.ndarray  # (C,) NaN: unknown [force]
     force_t_error: np.ndarray  # (C,) NaN: unknown [force]
     ids: np.ndarray  # (N,) grain numbers in messages
@@ -175,7 +175,7 @@ def _check_pairs(m: MeasuredForces) -> None:
 def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: str | None = None) -> MeasuredForces:
     """Read measured positions and contact forces from two tables or a PeGS file.
 
-    Tables are text. Grains: x, y, radius, between spheres also z; optional id, fixed (1: held, 0: free), edge (held if
+    Tables are text. Grains: x, y, radius, for spheres also z; optional id, fixed (1: held, 0: free), edge (held if
     not 0), load_x, load_y, load_z, position_error. Contacts: i and j (ids, or rows from 0), fn, ft (positive if it
     turns both grains from x to y); optional fn_error, ft_error. The force on grain i, fx, fy, fz, may replace fn and
     ft, and its tangential part, tx, ty, tz, may replace ft; spheres need one of these. Units in brackets, as in "fn
@@ -314,7 +314,7 @@ def _read_pegs(path: Path) -> MeasuredForces:
 
 
 def _particles(path: Path) -> list:
-    """Grains of a PeGS file, structures with its fields."""
+    """Grains of a PeGS file, as structures with the fields `PEGS`."""
     from scipy.io import loadmat
 
     try:

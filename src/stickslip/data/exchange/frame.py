@@ -156,7 +156,7 @@ def lower_triangular_vectors(state: State, name: str) -> np.ndarray:
 
 
 def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors and corner of a box that contains all grains: the cell along periodic directions, enclosing along others.
+    """Vectors and corner of a box with all grains: the cell along periodic directions, just large enough along others.
 
     Returns
     -------
@@ -299,8 +299,8 @@ def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
     -------
     networkx.MultiGraph
         Nodes are bodies, walls after grains, with `wall`, `radius`, x, y, z [length]. Edges are contacts, several
-        between grains that touch through different images, with `force_n`, `force_t` [force] and `slides`; of a
-        cemented packing also bonds, with `bond`: 0 for contacts, 1 for bonds, 2 for broken ones
+        between grains that touch through different images, with `force_n`, `force_t` [force] and `slides`. In a
+        cemented packing, bonds are also edges, and `bond` is 0 for contacts, 1 for bonds and 2 for broken bonds
 
     Examples
     --------
@@ -337,7 +337,7 @@ def _graph_of(frame: Frame) -> "networkx.MultiGraph":
 
 
 PARTS = ("data", "indices", "indptr", "shape")  # parts of a sparse matrix in compressed rows
-COORDINATES = ("mass", "body", "axis")  # of the `free` coordinates of a result, to which rows of matrices refer
+COORDINATES = ("mass", "body", "axis")  # data on the `free` coordinates of a result, to which rows of matrices refer
 
 
 @checked

@@ -1,8 +1,8 @@
 """LAMMPS bonds: those listed in a file, and their laws from the commands of the run; bonds as text of a data file.
 
 `bpm/spring` and `bpm/rotational` keep the length and the direction that each bond had when LAMMPS first evaluated it
-after `bond_style`; restart files contain them, data files and dumps do not. LAMMPS uses the present ones when it reads
-a data file. `harmonic` has the energy K (r − r₀)², so its stiffness is 2K.
+after `bond_style`; restart files contain them, data files and dumps do not. When LAMMPS reads a data file, it uses the
+present lengths and directions. `harmonic` has the energy K (r − r₀)², so its stiffness is 2K.
 
 Source: LAMMPS documentation of `bond_style bpm/spring`, `bpm/rotational`, `harmonic` and `special_bonds`; the powers
 with which loads fade, 8 and 4, were measured with LAMMPS 2022 to 2025.
@@ -28,7 +28,7 @@ from .columns import ListedBonds, Packing
 
 YES = {"yes": True, "on": True, "true": True, "no": False, "off": False, "false": False}
 STORED = ("id1", "id2", "time", "x", "y", "z", "x/ref", "y/ref", "z/ref")  # quantities that `store/local` may write
-WEIGHTS = {"amber": "0 0 0.5", "charmm": "0 0 0", "dreiding": "0 0 1", "fene": "0 1 1"}  # of special_bonds, by name
+WEIGHTS = {"amber": "0 0 0.5", "charmm": "0 0 0", "dreiding": "0 0 1", "fene": "0 1 1"}  # special_bonds by keyword
 MOVING = ("displace_atoms", "change_box", "read_dump", "replicate")  # commands that move grains without a run
 RUNNING = ("run", "minimize", "rerun")
 COEFFICIENTS = {"harmonic": 2, "bpm/spring": 3, "bpm/rotational": 12}  # numbers of a bond_coeff
@@ -65,8 +65,8 @@ def note_on_bonds(bonds: ListedBonds, why: str = "") -> list[Obstacle]:
 def bonds_of_data(head: str, listed: ListedBonds) -> Callable[[State], State] | None:
     """Return the function that adds the bonds of a data file with their laws to its state.
 
-    The laws are those of the commands on bonds in comments of its header, as `format_bonds` writes them. None without
-    these comments, or if contacts of bonded grains do not act fully.
+    The laws are those of commands in comments of its header, as `format_bonds` writes them. Return None without such
+    comments, or if contacts of bonded grains do not act fully.
     """
     commands = re.findall(r"(?m)^# ((?:bond_style|bond_coeff|special_bonds) .*)$", head)
     told = replay([*(["", *line.split()] for line in commands), ["", "read_data", listed.source]])
@@ -86,7 +86,7 @@ class FormattedBonds(NamedTuple):
     """Bonds of a state as text of a data file."""
 
     before: list[str]  # commands that LAMMPS needs before `read_data`
-    after: list[str]  # and those after it
+    after: list[str]  # commands that LAMMPS needs after it
     counts: list[str]  # lines of the header
     sections: list[str]
     notes: list[str]
@@ -100,7 +100,7 @@ def format_bonds(state: State) -> FormattedBonds:
     far = bonds.intact & (np.abs(apart) > 0.5).any(axis=1)
     rows = np.flatnonzero(bonds.intact & ~far)
     limited = (bonds.strength < ENDLESS).any(axis=1) & (bonds.form != BY_BEAM)
-    breaks = bool(limited[rows].any())  # for all styles of a hybrid
+    breaks = bool(limited[rows].any())  # the same for all styles of a hybrid
     springs = (bonds.form == BY_STRETCH) & ~limited & ~bonds.damping.any(axis=1)
     laws = [_bond_coefficients(bonds, k, harmonic=bool(springs[rows].all())) for k in rows]
     kinds = {law: number for number, law in enumerate(dict.fromkeys(laws), 1)}
@@ -166,7 +166,7 @@ def _yes(true: bool) -> str:
 class Commands(NamedTuple):
     """Bonds at the end of a run, according to its commands."""
 
-    style: list[str]  # and its options; empty without one
+    style: list[str]  # bond style and its options; empty if there is none
     place: str  # position of the style
     coefficients: list[list[str]]  # words of bond_coeff since the style
     weights: list[str]  # factors of special_bonds for contacts of grains one, two and three bonds apart
@@ -174,8 +174,8 @@ class Commands(NamedTuple):
     deleted: list[str]  # the commands delete_bonds, with their places
     labels: dict[str, str]  # types by their labels
     strained: bool  # grains may have moved since LAMMPS first evaluated the bonds
-    turned: bool  # grains may have turned before that
-    origin: str  # data file with the positions at which LAMMPS first evaluated the bonds; empty without one
+    turned: bool  # grains may have turned before LAMMPS first evaluated the bonds
+    origin: str  # data file with the positions at which LAMMPS first evaluated the bonds, or empty
 
 
 def replay(commands: Sequence[Sequence[str]]) -> Commands:
@@ -368,7 +368,7 @@ def notes_on_rest(told: Commands, listed: ListedBonds, acting: Sequence[str]) ->
 def note_on_contacts(told: Commands, listed: ListedBonds, n: int, i: np.ndarray, j: np.ndarray) -> Assumption | None:
     """Note on contacts i–j of n grains that `special_bonds` removes or changes; None if it changes none.
 
-    It affects grains that are one to three bonds apart. Restart files store its weights.
+    This command affects grains that are one to three bonds apart. Restart files store its weights.
     """
     weights = listed.weights or tuple(parse_number(word) for word in told.weights)
     if all(weight == 1 for weight in weights):

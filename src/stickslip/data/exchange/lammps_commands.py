@@ -158,7 +158,7 @@ def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str])
     return Block(start, stop), k
 
 
-LONGEST_LINE = 4096  # characters that values of variables may have in a line
+LONGEST_LINE = 4096  # largest number of characters that the values of variables add to a line
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(
     r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL
@@ -171,11 +171,11 @@ INSERTING = (
     "append/atoms",
     "bond/react",
 )  # fixes that change the number of grains
-RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that do
+RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that change the number of grains
 COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
 COMBINED = ("union", "subtract", "intersect")  # groups composed of others
-OPENING = ("include", "if", "jump", "python")  # commands by which a script executes others that are not in it
+OPENING = ("include", "if", "jump", "python")  # commands that execute commands which are not in the script
 ABOUT_BONDS = (  # commands that change bonds, or lengths that may be those at rest
     "bond_style", "bond_coeff", "special_bonds", "create_bonds", "delete_bonds", "labelmap", "read_data",
     "read_restart", "run", "minimize", "rerun", "displace_atoms", "change_box", "read_dump", "replicate", "set",
@@ -190,13 +190,13 @@ class Region(NamedTuple):
     """A region, and the unit of its lengths if they are in lattice units."""
 
     words: list[str]  # style and arguments
-    spacing: list[str] | None = None  # spacing of the lattice at that time, empty if unknown; None without a lattice
+    spacing: list[str] | None = None  # spacing of the lattice at this command, empty if unknown; None without a lattice
 
 
 class Dump(NamedTuple):
     """A dump of grains, with the changes made by `dump_modify`."""
 
-    command: str  # without its file
+    command: str  # command without the name of the file
     file: str
     columns: list[str]
     selection: str  # the command that leaves grains out; empty if there is none
@@ -223,7 +223,7 @@ class Dump(NamedTuple):
 
 
 def _selection(command: str) -> str:
-    """A command that writes grains, if its group is not all; else empty."""
+    """Return a command that writes grains if its group is not all, otherwise an empty text."""
     return "" if command.split()[-1] == "all" else command
 
 
@@ -231,26 +231,26 @@ class Run(NamedTuple):
     """Settings in force when the grains were written."""
 
     source: str  # name of the log or script
-    pair_style: list[str]  # style and arguments; empty without one
+    pair_style: list[str]  # style and arguments; empty if there is none
     pair_coeff: list[list[str]]
     fixes: dict[str, list[str]]  # group, style and the words that follow, by id
     groups: dict[str, list[list[str]]]  # words of each command `group`, by name
     regions: dict[str, Region]
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
-    unknown: list[str]  # commands whose outcome or variables are unknown here
+    unknown: list[str]  # commands with an outcome, or with variables, that cannot be known here
     acts: dict[
         str, str
-    ]  # sentences on unread commands that (may) exert or change forces, by the key that replaces them
+    ]  # sentences on unread commands that may exert or change forces; a later one replaces one with the same key
     places: dict[str, str]  # file and line of each fix, by id, and of the pair style
     met: dict[str, set[str]]  # first words of commands, by their group
     labels: dict[str, int]  # types of atoms by their labels
-    dumps: dict[str, Dump]  # by their names
+    dumps: dict[str, Dump]  # dumps by name
     bonds: list[list[str]]  # words of commands that concern bonds, after their positions
     year: int = 0  # year of the version of LAMMPS; 0: unknown
     sources: tuple[str, ...] = ()  # names of the files, in their order
     blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not state their steps
     atoms: int | None = None  # number of grains when they were written; None if unknown
-    place: int = 0  # in the log or script, at which they were written
+    place: int = 0  # position in the log or script at which the grains were written
 
     def numbers(self, words: Sequence[str]) -> list[str]:
         """Words with labels of types replaced by their numbers."""
@@ -307,7 +307,7 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
         if isinstance(event, Block) and event.start is not None and event.start <= step <= event.end
     }  # fmt: skip
     since = takewhile(lambda event: isinstance(event, Command), reversed(events[:end]))
-    after = end == len(events) or isinstance(events[end], Command)  # of the last run, not within one
+    after = end == len(events) or isinstance(events[end], Command)  # after the last run, not within one
     changing = any(style in INSERTING for _, style, *_ in run.fixes.values())
     changing = changing or (after and any(command.words[0] in COUNTING for command in since))
     atoms = counts.pop() if len(counts) == 1 and not changing else None
@@ -392,7 +392,7 @@ def read_lines_of(path: Path) -> str:
 
 
 def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) -> Run:
-    """Run with the settings after one more command; `values` are those of variables, which a log has replaced."""
+    """Run with the settings after one more command; `values` are those of variables, already replaced in a log."""
     words = command.words
     if words[0] == "variable" and len(words) > 3:
         values |= _value(words, values)
@@ -444,7 +444,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     key, rest = tokens[0], tokens[1:]
     if key == VERSION:  # another run, appended to the log
         return _empty(run.source, int(rest[-1]))
-    if key == LATTICE:  # with eight digits
+    if key == LATTICE:  # the log gives the spacing with eight digits
         run.settings[LATTICE] = run.settings.get(LATTICE) or rest
         return run
     if key == BONDS:
@@ -454,7 +454,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.groups.get(rest[-1], []).append(["count", rest[0]])
         return run
     run.met[group_of("command", key)].add(key)
-    if key in ABOUT_BONDS and rest[:1] != ["CPU"]:  # a report of how long it took
+    if key in ABOUT_BONDS and rest[:1] != ["CPU"]:  # a report of the time that a command took
         run.bonds.append([place, *tokens])
     # groups whose members have different ids or types after the command
     retyped = key == "create_atoms" or (key == "set" and any(word.startswith("type") for word in rest[2:]))
@@ -505,7 +505,7 @@ def _set(run: Run, key: str, rest: list[str]) -> None:
         run.labels.clear()
     elif key == "lattice":
         style, scale, settings = rest[0] if rest else "", (*numbers_in(rest[1:]), 0.0)[0], run.settings
-        settings[LATTICE] = rest[1:2] * 3 if style == "none" else []  # of others, perhaps in the next line of a log
+        settings[LATTICE] = rest[1:2] * 3 if style == "none" else []  # other spacings may be in the next line of a log
         if style in NODES and len(rest) == 2 and scale > 0:
             if settings.get("units", ["lj"]) == ["lj"]:  # a density
                 scale = (NODES[style] / scale) ** (1 / (2 if settings.get("dimension") == ["2"] else 3))

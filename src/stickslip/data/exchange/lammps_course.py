@@ -115,7 +115,7 @@ class Course:
         self.free[np.ix_(members, axes)] = False
 
     def push(self, members: np.ndarray) -> None:
-        """Check that a fix does not act on grains held by a previous fix; ValueError otherwise."""
+        """Check that a fix does not act on grains held by a previous fix; raise ValueError otherwise."""
         if (members & self.moved & ~self.free[:, :3].all(axis=1)).any():
             raise ValueError("it follows the fix that holds some of its grains, so these move")
 
@@ -137,7 +137,7 @@ def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> N
 
 
 def _wall_law(course: Course, arguments: list[str]) -> tuple[Contact, list[str]]:
-    """Law of a wall, and the words that follow it; old releases name no style and use the pair style."""
+    """Law of a wall, and the words that follow it; old releases used the pair style if no style was named."""
     if not numbers_in(arguments[:1]):
         return wall_contact(plain_style(arguments[0]), arguments[1:])
     style = next(iter(course.run.pair_style), "none").removeprefix("gran/")
@@ -171,7 +171,7 @@ def _finite(word: str) -> float:
 
 
 def _add_wall_law(course: Course, contact: Contact, arguments: list[str]) -> None:
-    """Law of the newest wall with all types."""
+    """Law between the newest wall and all types."""
     own, radius, year = contact, course.packing.arrays["radius"], course.run.year
     overlap = course.walls[-1].overlap(course.packing.arrays["position"], radius)
     touches, classic = overlap > 0, year == 0 or 2022 <= year <= 2025
@@ -184,7 +184,7 @@ def _add_wall_law(course: Course, contact: Contact, arguments: list[str]) -> Non
     course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
 
 
-OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # of regions, and the number of their arguments
+OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # of regions, and their numbers of arguments
 FLAT = ("plane", "block")  # regions with flat faces
 
 
@@ -339,7 +339,7 @@ MOVERS = {  # fixes that move grains, and whether they also rotate them
 
 
 def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
-    """Memory with the wall numbers used here; of two planes of a fix, a grain touches the nearer one."""
+    """Memory with the wall numbers used here; if a fix has two planes, a grain touches the nearer one."""
     position, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
     wall, deepest = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf)
     slip, turned = memory.wall_slip.copy(), np.zeros((len(wall), lammps_restart.ROTATIONS))
@@ -361,7 +361,7 @@ def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_
 
 
 def take_over(course: Course) -> None:
-    """Take over the commands of a run in the order of their dependence."""
+    """Import the commands of a run in the order of their dependence."""
     run = course.run
     _take_bonds(course)
     for command in run.unknown:
@@ -374,7 +374,7 @@ def take_over(course: Course) -> None:
     units = run.settings.get("units", ["lj"])[0]
     if units not in SAME_UNITS:
         course.obstacle(f"units {units}, in which LAMMPS converts forces, were not imported")
-    restored = "read_restart" in run.met[USED]  # with the dimension
+    restored = "read_restart" in run.met[USED]  # which contains the dimension
     if course.packing.arrays.get("dim") == 2 and run.settings.get("dimension") != ["2"] and not restored:
         course.obstacle(
             "grains at z = 0 are read in two dimensions, although the run has three: motion along z is left out"
@@ -390,7 +390,7 @@ def take_over(course: Course) -> None:
 
 
 def _try(course: Course, name: str, take, *given) -> None:
-    """Take over a fix, or note why this is impossible."""
+    """Import a fix, or note why this is impossible."""
     group, style, *_ = course.run.fixes[name]
     try:
         take(*given)
@@ -648,7 +648,7 @@ def describe(course: Course) -> str:
 
 
 def setting(course: Course):
-    """Function that adds the walls and loads of its run to a state."""
+    """Function that adds the walls and loads of a run to a state."""
 
     def put(state: State) -> State:
         try:

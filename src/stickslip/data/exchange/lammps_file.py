@@ -5,7 +5,7 @@ F_t = −(k_t s + c_t v_t), with k_t and c_t at the contact's overlap. Hence
 
     s = −(F_t + c_t v_t)/k_t,    v_t = (v_i − v_j − (R_i ω_i + R_j ω_j) × n) less its normal part
 
-for contacts below the Coulomb limit; at the limit it is the slip after LAMMPS's next truncation. The signs
+for contacts below the Coulomb limit; at the limit, s is the slip after LAMMPS's next truncation. The signs
 were checked against a real run (tests/peers): the forces act on the first atom of a pair, and d points from the second
 to the first.
 
@@ -36,7 +36,7 @@ ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2
 SKIPPED = "-"  # name of a skipped column
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
 OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be wrong
-NEGLIGIBLE = 1e-6  # the same, below which no warning is issued
+NEGLIGIBLE = 1e-6  # the same deviation, below which no warning is issued
 
 
 class Pairs(NamedTuple):
@@ -48,7 +48,7 @@ class Pairs(NamedTuple):
     distance: np.ndarray | None  # (M,) [length]
     normal: np.ndarray | None  # (M, 3) normal force on i [force]
     tangential: np.ndarray  # (M, 3) tangential force on i [force]
-    notes: tuple[str, ...] = ()  # on the columns
+    notes: tuple[str, ...] = ()  # notes on the columns
 
 
 def recognize_dump(head: bytes) -> bool:

@@ -1,4 +1,4 @@
-"""LAMMPS run folder: grains and memory, with the law, walls, gravity and fixes of the commands."""
+"""LAMMPS run folder: grains and memory from its files, and law, walls, gravity and fixes from the commands."""
 
 import re
 from collections.abc import Callable
@@ -146,7 +146,7 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
 
 
 def _account_of_files(files: Files, *taken: Path | None) -> Account:
-    """Files of a folder by their use; files named in commands are classified with them."""
+    """Files of a folder by their use; files named in commands are classified with the commands."""
     strange, groups = _strange_files(files), {USED: [], HARMLESS: [], UNKNOWN: []}
     for path in sorted({*files.packings, *files.contacts, *files.logs, *files.scripts, *files.others}):
         group = USED if path in taken else UNKNOWN if path.name in strange else HARMLESS
@@ -162,7 +162,7 @@ def _strange_files(files: Files) -> list[str]:
 
 
 def _of_newest_run(files: Files) -> tuple[Files, list[str]]:
-    """Grain files of the newest run, by its log, and a note on those of other runs; all if it left none."""
+    """Grain files of the newest run according to its log, and a note on others; all grain files if it has none."""
     if not files.logs:
         return files, []
     log = max(files.logs, key=lambda path: path.stat().st_mtime)

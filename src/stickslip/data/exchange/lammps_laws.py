@@ -1,4 +1,4 @@
-"""Conversion of contact laws to and from LAMMPS; models without an equivalent are named.
+"""Conversion of contact laws to and from LAMMPS; messages name models without an equivalent.
 
 A new law, damping model or effect needs one line in a table.
 
@@ -41,7 +41,7 @@ NORMAL = {  # number of coefficients, and the normal model with the same elastic
     "hooke": (2, "hooke"), "hertz": (2, "hertz"), "hertz/material": (3, "hertz"), "dmt": (4, "dmt"), "jkr": (4, "jkr"),
     "mdr": (6, ""),
 }  # fmt: skip
-NEAREST = {"hooke": "linear", "hertz": "hertz_mindlin_reff", "jkr": "jkr", "dmt": "dmt"}  # the law for other models
+NEAREST = {"hooke": "linear", "hertz": "hertz_mindlin_reff", "jkr": "jkr", "dmt": "dmt"}  # nearest law for other models
 TANGENTIAL = {  # numbers of coefficients, and of memory values of a contact
     "none": (0, 0), "linear_nohistory": (2, 0), "linear_history": (3, 3), "linear_history_classic": (3, 3),
     "mindlin_classic": (3, 3), "mindlin": (3, 3), "mindlin/force": (3, 3), "mindlin_rescale": (3, 4),
@@ -213,7 +213,7 @@ def mix(a: Contact, b: Contact) -> Contact:
 
 
 def of_release(contact: Contact, year: int) -> Contact:
-    """Law of a contact with the coefficient of restitution of the dashpots in LAMMPS of a given year.
+    """Law of a contact whose coefficient of restitution gives the dashpots of LAMMPS in a given year.
 
     `tsuji` lacked a factor √2, and `limit_damping` opens contacts earlier: see `dashpot_coefficients`.
     """
@@ -226,7 +226,7 @@ def of_release(contact: Contact, year: int) -> Contact:
 
 
 def as_restitution(law: str, damping: int, damping_n: float, factor: float = 1.0, *, tension: bool = True) -> float:
-    """Coefficient of restitution at which the α of coeff_restitution is that of a damping model times a factor.
+    """Coefficient of restitution for which coeff_restitution gives the α of a damping model times a factor.
 
     LAMMPS uses the α of contacts that may attract (`tension`), even with `limit_damping`.
     """

@@ -1,9 +1,9 @@
 """LAMMPS restart files: grains and the memory of their contacts, read and written to the last bit.
 
 At the end of a restart file, each rank has a block of doubles with a record for every grain: its length, position, id,
-type, mask, image, velocity, radius, mass and spin, then one entry for each fix that stores data of grains. `fix
+type, mask, image, velocity, radius, mass and spin, then one entry for each fix that stores data on grains. `fix
 NEIGH_HISTORY`, created by every history pair style, comes first: it lists the partners of the grain and the memory of
-each contact, in the order i − j. Entries of walls follow in the order of their fixes. Most whole numbers are stored in
+each contact, in the order i − j. Entries of walls follow, in the order of their fixes. Most integers are stored in
 the bits of doubles.
 """
 
@@ -41,7 +41,7 @@ OLD_END = re.compile(rb"(\x2c\0\0\0[^\xff]{4})\x2d\0{7}(\xff{4}(?:\x2f\0\0\0|Lam
 PART = struct.pack("<i", 46)  # flag at the beginning of a part, before its number of blocks
 POSITION, TAG, TYPE, IMAGE, VELOCITY, OWN, EXTRA = 1, 4, 5, 7, 8, 11, 16  # OWN: columns of the atom style
 SIZES = ("radius", "mass", "spin")
-OWN_COLUMNS = {  # columns of atom styles after the common ones; hybrid styles have those of their parts, each once
+OWN_COLUMNS = {  # columns of atom styles after the common ones; hybrid styles have those of all their parts
     "sphere": SIZES, "bond": ("molecule", "bonds"), "bpm/sphere": ("molecule", "bonds", *SIZES, "orientation"),
     "atomic": (),
 }  # fmt: skip
@@ -85,15 +85,15 @@ class Restart(NamedTuple):
     spin: np.ndarray  # (N, 3) [rad/time]
     radius: np.ndarray  # (N,) [length]
     mass: np.ndarray  # (N,) [mass]
-    types: np.ndarray  # (N,) from 0
+    types: np.ndarray  # (N,) types, counted from 0
     mask: np.ndarray  # (N,) bit masks of the groups
     i: np.ndarray  # (C,) contacts, each once, i < j
     j: np.ndarray  # (C,)
-    slip: np.ndarray  # (C, 3) of i relative to j [length]
+    slip: np.ndarray  # (C, 3) slip of i relative to j [length]
     wall: np.ndarray  # (K,) index of the fix of the wall that a grain touches
     grain: np.ndarray  # (K,)
     wall_slip: np.ndarray  # (K, 3) [length]
-    more: np.ndarray  # (C, 7) values after the slip, or its `rotations`, (C, 4)
+    more: np.ndarray  # (C, 7) values after the slip, or their `rotations`, (C, 4)
     wall_more: np.ndarray  # (K, 7), or (K, 4)
     ids: np.ndarray  # (N,) ids of the grains in LAMMPS, increasing
     face: np.ndarray  # (K,) face of the region, from 0; −1 for walls that are not regions
@@ -193,8 +193,8 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     content = _read_whole(path)
     start, blocks = _blocks(content)
     fixes, style = _fixes(content[:start])[1], str(_header(content)[0].get(STYLE, "sphere"))
-    marks = {f"_{kind.upper().replace('/', '_')}_FIX_PROP": kind for kind in BOND_MEMORY}  # of fixes for bond styles
-    named = []  # in the order of their entries in a record
+    marks = {f"_{kind.upper().replace('/', '_')}_FIX_PROP": kind for kind in BOND_MEMORY}  # fixes for bond styles
+    named = []  # names in the order of their entries in a record
     for name, kind in fixes:
         named.append(next((marks[mark] for mark in marks if mark in name), kind))
     stores = named if walls is None else [HISTORY, *[REGION] * walls]
@@ -235,7 +235,7 @@ def own_columns(style: str) -> list[str]:
 def _list_bonds(
     source: str, ids: np.ndarray, ends: np.ndarray, kind: np.ndarray, memory: np.ndarray, turned: np.ndarray
 ) -> ListedBonds:
-    """Bonds with their reference; both grains may have a copy of a bond.
+    """Bonds with their rest configurations; both grains may have a copy of a bond.
 
     LAMMPS stores the rest direction from the grain with the larger id, in the unrotated frame of that grain.
     """
@@ -497,11 +497,11 @@ def _read_own(block: np.ndarray, start: np.ndarray, columns: Sequence[str]):
 
 
 def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np.ndarray, memories: dict):
-    """Ids of the ends of the bonds in a block, their types, and the reference of each, (K, 4), zero if there is none.
+    """Ids of the ends of the bonds in a block, their types, and rest configurations, (K, 4), zero if there are none.
 
     Parameters
     ----------
-    memories : entry and its end for each style that stores data of bonds
+    memories : entry, and its end, for each style that stores data on bonds
     """
     number = np.arange(count.sum()) - np.repeat(
         np.cumsum(count) - count, count
@@ -509,7 +509,7 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
     row = np.repeat(first, count) + number
     kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (row, row + np.repeat(count, count)))
     memory = np.zeros((len(number), 4))
-    # in a hybrid, each style stores its numbers for all bonds: the most complete ones count
+    # in a hybrid, each style stores its numbers for all bonds: the most complete set counts
     for style, (entry, end) in sorted(memories.items(), key=lambda item: BOND_MEMORY[item[0]]):
         width = BOND_MEMORY[style]
         at = np.repeat(entry, count) + 1 + width * number
@@ -532,7 +532,7 @@ def _read_block(block: np.ndarray, columns: Sequence[str], stores: list[str], va
     sizes = own["radius"][:, 0], own["mass"][:, 0], whole[start + TYPE] - 1, whole[start + TYPE + 1]
     walls, memories = 0, {}
     none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, MOST))
-    pairs, touched = [none], [(*none, none[0])]  # of each part of a hybrid style, and of each wall
+    pairs, touched = [none], [(*none, none[0])]  # contacts of each part of a hybrid style, and of each wall
     for style in stores:
         end = _ends(block, entry, stop)
         if style.startswith(HISTORY):
@@ -570,7 +570,7 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
     )  # index of a contact among those of its grain
     first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
-    plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022 stored as a plain number
+    plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022, ids were stored as plain numbers
     other = np.where(plain, np.where(plain, block[first], 0.0).astype(np.int64), whole[first])
     return np.repeat(tag, count), other, block[first[:, None] + 1 + np.arange(3)], more
 
@@ -682,7 +682,7 @@ class Places(NamedTuple):
     """Layout of contact memory in LAMMPS: the slip or force comes first."""
 
     size: int  # number of doubles
-    rolls: int = -1  # position of the rolling displacement after the slip; -1 without
+    rolls: int = -1  # position of the rolling displacement after the slip; -1 if there is none
     twists: int = -1  # position of the twist
 
     @classmethod

@@ -29,7 +29,7 @@ from .lammps_text import Table, parse_step
 GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # entries counted in a dump
 BEGIN, ITEM = b"ITEM: TIMESTEP", b"ITEM:"
 COMPRESSED = (b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # first bytes of gzip and Zstandard files
-HEAD = 512  # bytes at the beginning of a file by which its format is detected
+HEAD = 512  # number of bytes at the beginning of a file that identify its format
 
 
 class DumpFrame(NamedTuple):
@@ -69,7 +69,7 @@ def find_dumps(folder: Path, known: dict[Path, Dump], pattern: str = "*") -> dic
             dumps[path] = before
         elif before and stat.st_size >= before.size:
             dumps[path] = _read_new_frames(path, before, stat.st_mtime_ns)
-        elif ITEM.startswith(head := _head(path)) or head.startswith(ITEM):  # an empty file may become one
+        elif ITEM.startswith(head := _head(path)) or head.startswith(ITEM):  # an empty file may become a dump
             dumps[path] = _read_new_frames(path, Dump((), 0, 0, 0), stat.st_mtime_ns)
     return dumps
 
@@ -126,7 +126,7 @@ def _find_time_step(file: BinaryIO) -> int | None:
 def _next_frame(file: BinaryIO, path: Path) -> DumpFrame | None:
     """Frame that begins at the position of the file; None if it is still being written.
 
-    A frame that was cut off is damaged once another one follows it.
+    A frame that was cut off counts as damaged once another frame follows it.
     """
     start, digest = file.tell(), hashlib.blake2b(digest_size=8)
     try:
@@ -244,8 +244,8 @@ class Pair(NamedTuple):
 class Look(NamedTuple):
     """Contents of the folder at one time."""
 
-    dumps: dict[Path, Dump]  # of grains
-    local: dict[Path, Dump]  # of contacts
+    dumps: dict[Path, Dump]  # dumps of grains
+    local: dict[Path, Dump]  # dumps of contacts
     ready: list[Pair]  # complete frames, by step
     waiting: tuple[int, ...]  # steps whose contacts may still be written
     lost: tuple[int, ...]  # steps without contacts, although later steps have them
@@ -262,7 +262,7 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
 
     Parameters
     ----------
-    memory : whether dumps of contacts are used: those named by `contacts`, or those in the folder
+    memory : whether dumps of contacts are used, either the dumps named by `contacts` or all in the folder
     options : those of `read_packing` for LAMMPS dumps. `contacts` may be a pattern such as contacts.*.dump. Without a
     law, that of the log or script in the folder is used, with its walls, loads and held grains
 

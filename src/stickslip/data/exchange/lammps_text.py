@@ -59,12 +59,12 @@ class Table(NamedTuple):
 
     step: int
     vectors: np.ndarray  # (3, 3) box vectors as rows [length]
-    corner: np.ndarray  # (3,) of the box [length]
+    corner: np.ndarray  # (3,) corner of the box [length]
     periodic: np.ndarray | None  # (3,) bool; None if not in the file
     columns: dict[str, list[str]]  # words, one list per column
     grains: bool = True  # False for a dump of contacts
     items: tuple[str, ...] = ()  # headings except the time step
-    file: str = ""  # its name, for messages
+    file: str = ""  # name of the file, for messages
 
     def numbers(self, *names: str) -> np.ndarray:
         """(rows, len(names)) columns as numbers; (rows,) for a single name."""
@@ -242,7 +242,7 @@ def _position(table: Table, path: Path) -> np.ndarray:
 def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, Table, list[str]]:
     """Read ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and notes from a data file.
 
-    Its atom style is the one named in its section Atoms, the one `asked` for, or the only one that fits.
+    The atom style is the one named in the section Atoms, the one `asked` for, or the only one that fits.
     """
     text = read_lines(path)
     first = text.partition("\n")[0]
@@ -306,7 +306,7 @@ def _parse_bonds(sections: dict[str, tuple[str | None, str]], head: str):
 
 
 def _headings(head: str) -> list[str]:
-    """Names of the header lines, without counts of zero."""
+    """Names of the header lines, except those with a count of zero."""
     lines = [line.partition("#")[0].split() for line in head.split("\n")]
     words = [[word for word in line if not re.fullmatch(r"[-+.\d]+([eE][-+]?\d+)?", word)] for line in lines]
     counts = zip(words, lines, strict=True)

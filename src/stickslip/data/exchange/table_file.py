@@ -52,7 +52,7 @@ NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?|nan|[-+]?inf")
 
 
 def recognize(head: bytes) -> bool:
-    """Return True for a table whose first line names positions and radii, or with columns of grains without names."""
+    """Return True for a table whose first line names positions and radii, or whose unnamed columns describe grains."""
     text = head_text(head)[:4000]
     lines = _content_lines(text)
     if not lines:
@@ -131,7 +131,7 @@ def read_columns(
     if not named and nameless is not None and lines and (names := nameless.get(len(_split(lines[0])))) is None:
         allowed = " or ".join(f"{n} ({' '.join(known)})" for n, known in nameless.items())
         raise PackingError(
-            f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are recognised, name others"
+            f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are recognised, others need names"
         )
     below = [line for line in lines[named:] if not line.startswith(COMMENT)]
     while len(below) > 1 and TOTALS.fullmatch(next(filter(None, _split(below[-1])), "").strip(" :.")):
@@ -144,7 +144,9 @@ def read_columns(
         )
         rows = rows[~empty]
     if names is None and (names := names_by_content(rows)) is None:
-        raise PackingError(f"{path} has {rows.shape[1]} columns without names: {LAYOUTS} are recognised, name others")
+        raise PackingError(
+            f"{path} has {rows.shape[1]} columns without names: {LAYOUTS} are recognised, others need names"
+        )
     if not named:
         notes.append(Assumption(f"{path.name} does not name its columns: {' '.join(names)} is assumed", COLUMNS))
     columns = {name: values for name, values in zip(names, rows.T, strict=True) if name or np.isfinite(values).any()}
@@ -242,7 +244,7 @@ def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def refuse(path: Path) -> PackingError:
-    """Sentence on a file in an unknown format: its beginning, and a remedy."""
+    """Error for a file in an unknown format, with its beginning and a remedy."""
     text = first_lines(path)
     lines = _content_lines(head_text(read_content(path, HEAD))[:4000])
     known = identify_columns(dict.fromkeys(names_of(lines[0]) or [] if lines else [], np.zeros(0)))[0]
@@ -396,7 +398,7 @@ MFIX_HEAD = re.compile(r"(?im)^[ \t\"]*(Dimension|Particles)(?:[ \t]+to[ \t]+rea
 MFIX_OPTION = re.compile(
     r"(?im)^[ \t\"]*(Coordinates|Phase_ID|Diameter|Density|Velocity)[^\s,]*[\s,]+\.?([TF])\w*\.?([^\n]*)$"
 )
-MFIX_NAMES = {"phase_id": ["type"], "diameter": ["diameter"], "density": ["density"]}  # vectors follow the dimension
+MFIX_NAMES = {"phase_id": ["type"], "diameter": ["diameter"], "density": ["density"]}  # others are vectors
 
 
 def recognize_edem(head: bytes) -> bool:

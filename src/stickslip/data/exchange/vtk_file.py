@@ -1,6 +1,6 @@
-"""VTK files for ParaView: grains as points with radii, contacts as lines with their forces, one file each.
+"""VTK files for ParaView: grains as points with radii, contacts as lines with their forces, in separate files.
 
-NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-contacts.vtu contains the lines. Their
+NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-contacts.vtu contains the lines, whose
 column `bond` is 1 for bonds and 2 for broken ones. Several frames become NAME_0000.vtu and so on, which ParaView opens
 as a series. Legacy files and XML files (.vtu and .vtp), as written by ParaView, YADE and VTK itself, are read without
 a library.
@@ -39,7 +39,7 @@ class _Source(NamedTuple):
     base64: bool
     header: np.dtype  # type of the byte counts that precede data
     order: str  # byte order, < or >
-    packed: bool  # by zlib
+    packed: bool  # compressed by zlib
     budget: Budget
 
     def decode(self, at: int, count: int) -> tuple[bytes, int]:

@@ -81,7 +81,7 @@ class Values(ScenarioTable):
 
     @property
     def kinds(self) -> list[str]:
-        """Those of KINDS that are present: one, in a valid table."""
+        """Kinds of KINDS that are present: one, in a valid table."""
         return [kind for kind in KINDS if getattr(self, kind) is not None]
 
     @model_validator(mode="after")
@@ -132,7 +132,7 @@ class Axis(NamedTuple):
     key: str
     values: tuple
     kind: str  # "list", or one of KINDS
-    parameters: Any = None  # of a distribution: its two ends, or Normal
+    parameters: Any = None  # parameters of a distribution: its two ends, or Normal
 
 
 def flatten(table: dict, ends: Callable[[dict], bool] = lambda inner: False, above: str = "") -> dict:
@@ -225,7 +225,7 @@ def _seeds(key: str, first, count: int) -> tuple:
 
 
 FEWEST = 0.01  # fraction of accepted points below which sampling is abandoned
-LEAST_TRIED, MOST_TRIED = 1000, 10_000_000  # numbers of points drawn before that, and in total
+LEAST_TRIED, MOST_TRIED = 1000, 10_000_000  # number of points drawn before sampling may be abandoned; largest number
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
@@ -291,8 +291,8 @@ def describe_refusals(refused: dict[str, int]) -> str:
     return ", ".join(f"{count} by {text}" for text, count in refused.items() if count)
 
 
-MOST_ROWS = 100_000  # the values are part of the text of the sweep
-PLAIN = ("", "-", "1")  # units of numbers
+MOST_ROWS = 100_000  # limited, because the values are part of the text of the sweep
+PLAIN = ("", "-", "1")  # units of dimensionless numbers
 
 
 def read_draws(draws, entries: dict, kind) -> dict[str, list[float]]:
@@ -301,7 +301,7 @@ def read_draws(draws, entries: dict, kind) -> dict[str, list[float]]:
     Parameters
     ----------
     draws : path of a CSV file with headers such as `dc [m]`, or {name: values}
-    entries : those of all swept keys
+    entries : entries of all swept keys
     kind : class of the scenario; the unit in a header must be that of the key, unless the entry has a factor `times`
     """
     columns = {key: entry for key, entry in entries.items() if isinstance(entry, Values) and entry.column is not None}

@@ -57,7 +57,7 @@ class Sweep(NamedTuple):
 
     base: dict
     axes: tuple[Axis, ...]
-    mode: str  # "zip" for a grid with conditions, whose accepted points are a list
+    mode: str  # "zip" for a grid with conditions, whose accepted points form a list
     text: str  # canonical; the order of keys is that of the dimensions
     tried: int = 0  # number of points tested by conditions
     refused: tuple[tuple[str, int], ...] = ()  # conditions and the number of points rejected by each
@@ -292,7 +292,7 @@ class Condition(NamedTuple):
     """A condition; several conditions joined by `and` are split."""
 
     text: str
-    holds: Callable[[dict], bool]  # of {key: value}
+    holds: Callable[[dict], bool]  # function of {key: value}
 
 
 def parse_conditions(where, keys) -> tuple[Condition, ...]:

@@ -75,7 +75,7 @@ class SweepResult(NamedTuple):
     found: list[dict | None]  # measures and seconds
     failures: list[str]  # error messages, or empty strings
     reused: int  # number of members that were already finished
-    remarks: tuple[str, ...] = ()  # on comparisons of the members
+    remarks: tuple[str, ...] = ()  # remarks on comparisons of the members
 
 
 def validate_members(chosen: Sweep, report: Report = silent) -> list[str]:
@@ -289,7 +289,7 @@ def run_with_progress(
     chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, look: Look,
     confirm: Callable[[], bool], part: tuple[int, int] | None = None, gather: list[Path] = (),
 ) -> SweepResult | None:  # fmt: skip
-    """Print the number of members, confirm it if there are many, validate them and run the unfinished ones.
+    """Print the number of members, let the user confirm it if it is large, validate all and run the unfinished ones.
 
     Parameters
     ----------
