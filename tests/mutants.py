@@ -193,7 +193,7 @@ def is_noticed(mutant: Mutant, root: Path, groups: list[list[str]], right: Path)
                     if _first_failure(right, [failed]) != failed:
                         break
                     broken.append(f"--deselect={failed}")  # it fails without the fault as well
-                if failed and (not failed.startswith(EXIT) or _first_failure(right, tests) != failed):
+                if failed and ("::" in failed or _first_failure(right, tests) != failed):
                     return failed
             return ""
     finally:
