@@ -307,6 +307,27 @@ def spins_of(law, axis, duration, steps=4000):
     return float(end.grains.spin[0] @ np.asarray(axis, float))
 
 
+def growing_stiffness(overlap, kn):
+    return 0.3 * kn * (1 + 20 * overlap)
+
+
+def test_the_jacobian_contains_a_rolling_stiffness_that_depends_on_the_overlap():
+    """At the cap, where the memory is the cap over the stiffness."""
+    law = ss.laws.custom(
+        normal_force=lambda overlap, kn: kn * overlap, rolling_stiffness=growing_stiffness,
+        rolling_cap=lambda normal_force, r_eff: 0.1 * r_eff * max(normal_force, 0.0),
+        parameters={"kn": 1.0, "kt": 0.5, "mu": 0.5},
+    )  # fmt: skip
+    state, _, _ = ss.run(turning_pair((0, 0.6, 0.8), spin=0.3), law, 100, 0.01)
+    assert state.contacts.rolling[0, 6] > 0
+    state = state._replace(control=ss.control.loads(2))
+    free = ss.freedom(state)
+    state = with_neighbor_list(ss.modes.displaced(state, free, np.random.default_rng(1).normal(0, 3e-3, len(free))))
+    exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law, memory=FREE)[0], free).toarray()
+    numerical = differences(state, law, free, FREE, 1e-7)
+    np.testing.assert_allclose(exact, numerical, rtol=0, atol=1e-7 * np.abs(exact).max())
+
+
 def test_viscous_rolling_decays_exponentially():
     law, inertia = (
         ss.laws.with_rolling(ss.laws.linear(mu=0.5), "viscous", gamma_roll=3.0),

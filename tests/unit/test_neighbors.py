@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.neighbors import body_positions, body_radii, grid_of, rebuild_list
+from stickslip.core.contacts.neighbors import body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 from stickslip.core.state import empty_contacts
 
 RADII = {
@@ -98,6 +98,16 @@ def test_a_position_that_is_not_a_number_touches_nothing():
     state.grains.position[5] = np.nan
     contacts = rebuilt(state)
     assert listed(contacts) == [pair for pair in pairs_within_range(state) if 5 not in pair[:2]]
+
+
+def test_a_grain_that_moves_to_nowhere_needs_a_new_list():
+    state = sample("ratio 10", 3, 0)
+    contacts = rebuilt(state)
+    position = state.grains.position.copy()
+    assert not needs_rebuild(position, contacts)
+    for nowhere in (np.nan, np.inf):
+        position[5] = nowhere
+        assert needs_rebuild(position, contacts)
 
 
 @pytest.mark.parametrize("boxes, fits", [(63, True), (64, False), (-63, True), (-64, False)])
