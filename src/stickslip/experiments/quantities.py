@@ -27,7 +27,7 @@ ERROR = "_error"  # ending of the name of half a 95 % interval
 
 
 class Estimate(NamedTuple):
-    """Mean over samples of a number, and half of its 95 % interval; NaN with fewer than two samples."""
+    """Mean of a number over samples, and half the width of its 95 % interval; NaN with fewer than two samples."""
 
     mean: float
     half_width: float

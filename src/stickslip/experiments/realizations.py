@@ -145,7 +145,7 @@ class Realizations(NamedTuple):
         """
         results = [result for result in self.results if result is not None]
         if not results and self.failures:
-            raise RuntimeError(f"every {what} failed, the first with {self.failures[0]}")
+            raise RuntimeError(f"every {what} failed; first message: {self.failures[0]}")
         return results
 
 

@@ -72,7 +72,7 @@ class ForceChains(NamedTuple):
 class StrongNetwork(NamedTuple):
     """Contacts whose normal force is above the mean, and the largest cluster of grains that they join."""
 
-    strong: np.ndarray  # (C,) bool, mask of the touching contacts
+    strong: np.ndarray  # (C,) bool over the touching contacts, True for strong ones
     cluster: np.ndarray  # (C,) bool, contacts of the largest cluster
     grains: np.ndarray  # (n,) grains of the largest cluster
     clusters: int  # number of clusters of two grains or more

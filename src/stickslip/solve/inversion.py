@@ -69,7 +69,7 @@ class Projection(NamedTuple):
 
 
 def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> Projection | None:
-    """Minimise |z|²/2 under A z = b and G z ≥ h; None if no point is found.
+    """Minimise |z|²/2 subject to A z = b and G z ≥ h; None if no point is found.
 
     Parameters
     ----------

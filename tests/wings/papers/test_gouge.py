@@ -138,7 +138,7 @@ def test_a_leg_continues_from_pieces_of_another_length(tmp_path):
         ({"protocol": [{"kind": "slide", "velocity": 1e-6, "slip": 1.0}]}, "more than most_steps = 5e\\+07"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3, "time": 1e6}]}, "raise velocities, shorten holds"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3}]}, "ends after a given slip or a given time"),
-        ({"protocol": [{"kind": "slide", "velocity": 0.0, "slip": 1.0}]}, "never reaches a slip"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.0, "slip": 1.0}]}, "never reaches a given slip"),
         ({"protocol": [{"kind": "slide", "velocity": 0.1, "time": 1.0, "steady": True}]}, "needs a maximum slip"),
         ({"protocol": [{"kind": "slip"}]}, "protocol \\(entry 1\\) has kind = 'slip': use 'slide', 'velocity-steps'"),
         (
@@ -350,7 +350,7 @@ def test_a_branch_that_fails_is_told_with_its_sample(monkeypatch):
         raise RuntimeError("it blew up")
 
     monkeypatch.setattr("stickslip.wings.papers.gouge.simulate.run_branch", fails)
-    with pytest.raises(RuntimeError, match="every realisation failed, the first with realisation 0 failed: it blew up"):
+    with pytest.raises(RuntimeError, match="every realisation failed; first message: realisation 0 failed: it blew up"):
         simulate_gouge(small(ledger_steps=0, preparation=BRIEF), workers=1)
 
 
@@ -410,7 +410,7 @@ def refuse(*_):
 
 def test_if_all_fail_the_first_reason_is_told(monkeypatch):
     monkeypatch.setattr("stickslip.wings.papers.gouge.simulate.run_trunk", refuse)
-    with pytest.raises(RuntimeError, match="every realisation failed, the first with realisation 0 failed: not again"):
+    with pytest.raises(RuntimeError, match="every realisation failed; first message: realisation 0 failed: not again"):
         simulate_gouge(small(), workers=1)
 
 

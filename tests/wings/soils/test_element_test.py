@@ -708,7 +708,7 @@ def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
         ),
         (["axial strain [%]", "q [kPa]", "p' [kPa]"], (-100, -2e-3, 1e-3), r"q is -500 kPa .* more than 1\.5 times"),
         (["axial strain [%]", "q [kPa]", "p' [kPa]"], (0, 1e-3, 1e-3), r"axial strain is constant in all rows"),
-        (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no column of a soil test"),
+        (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no soil-test columns"),
     ],
 )
 def test_tables_with_contradictory_units_are_refused_in_one_sentence(tmp_path, heads, factors, words):

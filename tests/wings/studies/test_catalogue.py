@@ -121,7 +121,7 @@ def test_the_result_does_not_depend_on_how_many_run_at_a_time(made, monkeypatch,
 
 
 def test_nothing_but_failures_is_an_error(made):
-    with pytest.raises(RuntimeError, match="every packing failed, the first with packing 4: "):
+    with pytest.raises(RuntimeError, match="every packing failed; first message: packing 4: "):
         ss.simulate(scenario(seed=4, packings=1), workers=1)
 
 

@@ -135,7 +135,7 @@ def unit_branches(m: MeasuredForces) -> np.ndarray:
 
 
 def _check_numbers(m: MeasuredForces) -> None:
-    """Raise PackingError if there are no contacts or grains, or impossible numbers."""
+    """Raise PackingError if there are no contacts or no grains, or if a number is impossible."""
     n = len(m.radius)
     if not len(m.pair_i):
         raise PackingError(f"measured contact forces are missing: give {' '.join(NEEDED)}")
@@ -185,7 +185,8 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
     or x, y, radius and i, j, fn, ft; or i, j, a flag, ft, fn. For matrices (N, N) of RigidLibrary, give that of normal
     forces, with that of tangential forces in the same folder. Negative numbers are walls, whose contacts are left out;
     grains in contact with them are held. Forces of contacts listed for both grains are averaged, and the root mean
-    square of half the differences is their error. Contacts with negative normal forces within five errors are left out.
+    square of half the differences is their error. Contacts whose normal
+    force is negative by less than five times its error are left out.
 
     PeGS files contain the structure `particle` (`pres` in version 1): x, y, r in pixels, rm in metres, and for each
     grain its neighbours, forces in newtons, and angles alphas. They are read in SI units; y points down as in the

@@ -207,7 +207,7 @@ def members_of(part: tuple[int, int] | None, names: list[str]) -> set[int]:
 
 
 def gather_members(folder: Path, chosen: Sweep, names: list[str], parts: list[Path]) -> int:
-    """Copy finished members that a folder lacks from folders of parts of the same sweep; return their number.
+    """Copy the finished members that a folder lacks from folders with parts of its sweep; return their number.
 
     Raises
     ------

@@ -50,7 +50,7 @@ SHOWN = 300  # length of quotations from LAMMPS in a message [characters]
 
 
 def require_lammps(ranks: int = 1) -> None:
-    """Check that LAMMPS can run here with a number of MPI ranks.
+    """Check that LAMMPS can run here with the given number of MPI ranks.
 
     Raises
     ------

@@ -219,7 +219,7 @@ def record_data(
         legs = load_steps(time, record.load_point)
         if len(legs) > CROOKED * len(time):
             steps = find_steps(record.time, record.load_point)
-            warnings.warn(f"{steps.sentence} [m, m/s, s]; give another --velocity if this is wrong", stacklevel=2)
+            warnings.warn(f"{steps.sentence} [m, m/s, s]; if this is wrong, give --velocity", stacklevel=2)
             legs = steps.legs
     if factor is not None:
         legs = with_normal(legs, time, factor)

@@ -205,7 +205,7 @@ class Slide(ScenarioTable):
                 "a slide ends after a given slip or a given time: give only one, which must be slip if steady = true"
             )
         if self.velocity == 0 and self.time is None:
-            raise ValueError("a slide at velocity = 0 never reaches a slip: give its time")
+            raise ValueError("a slide at velocity = 0 never reaches a given slip: give its time instead")
         if self.steady and self.slip is None:
             raise ValueError("a slide with steady = true needs a maximum slip: give slip")
         return self

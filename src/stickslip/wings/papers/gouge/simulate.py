@@ -346,7 +346,7 @@ def simulate_gouge(
     sentences = tuple(f"realisation {seed} failed: {failure}" for seed, failure in failures.items() if failure)
     done = tuple(member for member in realizations if member is not None)
     if not done:
-        raise RuntimeError(f"every realisation failed, the first with {sentences[0]}")
+        raise RuntimeError(f"every realisation failed; first message: {sentences[0]}")
     return GougeResult(scenario, done, sentences, len(alone) - len(missing))
 
 

@@ -52,9 +52,7 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
     table = laboratory_table.open_table(path, WANTED)
     if not table.places:
         seen = table.list_columns() or "without headings"
-        raise ValueError(
-            f"{path} has no column of a soil test: its columns are {seen}; name some as in '{WANTED.example}'"
-        )
+        raise ValueError(f"{path} has no soil-test columns: its columns are {seen}; name some as in '{WANTED.example}'")
     if told := table.list_unknown():
         warnings.warn(f"{path}: unknown columns, not drawn: {told}", stacklevel=2)
     values = table.numbers()

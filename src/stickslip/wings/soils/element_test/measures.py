@@ -315,7 +315,7 @@ class LoadedSample:
         return NAN if self.steady is None else self.at_end(values)
 
     def at_end(self, values: np.ndarray) -> float:
-        """Mean of values of the last leg over its last third; NaN if the sample was not sheared."""
+        """Mean of values over the last third of the last leg; NaN if the sample was not sheared."""
         return float(values[self.late].mean()) if self.sheared and self.late.any() else NAN
 
     @property

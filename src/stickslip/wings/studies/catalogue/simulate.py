@@ -124,7 +124,7 @@ def simulate_catalogue(
     samples = tuple(sample for sample in results[:used] if sample is not None)
     failures = tuple(failure for failure in sentences[:used] if failure)
     if not samples:
-        raise RuntimeError(f"every packing failed, the first with {failures[0]}")
+        raise RuntimeError(f"every packing failed; first message: {failures[0]}")
     return CatalogueResult(scenario, make_law(scenario.law), samples, failures)
 
 
