@@ -9,7 +9,7 @@ from tests.conftest import make_law
 from tests.derivatives.test_free_cell import packed
 from tests.properties.test_determinism import flowing, same_bits
 
-pytestmark = pytest.mark.slow  # kernels of deforming cells take a minute to compile
+pytestmark = pytest.mark.slow  # 15 s
 
 RATE = 2e-3
 
@@ -174,15 +174,13 @@ def test_a_plate_follows_its_course_on_two_threads_as_on_one():
 
 
 WRONG = {
-    "not periodic": lambda s: s._replace(cell=s.cell._replace(periodic=np.array([True, False, True]))),
+    "only along periodic axes": lambda s: s._replace(cell=s.cell._replace(periodic=np.array([True, False, True]))),
     "walls or rigid groups": lambda s: s._replace(control=ss.control.rigid(s.control, [0, 1])),
-    "mass of -1": lambda s: s._replace(control=s.control._replace(cell_mass=-1.0)),
+    "cell_mass is -1: it must be zero or positive": lambda s: s._replace(control=s.control._replace(cell_mass=-1.0)),
     "knots must increase": lambda s: s._replace(
         control=s.control._replace(knots=np.array([1.0, 1.0]), course=np.ones((2, 1)))
     ),
-    "course 3 is used, but only 0": lambda s: s._replace(
-        control=s.control._replace(cell_follows=np.full((3, 3), 3))
-    ),
+    r"cell_follows\[0, 0\] is 3": lambda s: s._replace(control=s.control._replace(cell_follows=np.full((3, 3), 3))),
 }  # fmt: skip
 
 
@@ -196,7 +194,7 @@ def test_wrong_arguments_of_control_are_refused():
     control = ss.control.loads(2)
     with pytest.raises(ValueError, match=r"a stress component has two letters, .* got 'yq'"):
         ss.control.stress_controlled(control, {"yq": 1.0})
-    with pytest.raises(ValueError, match=r"shape \(3,\)"):
+    with pytest.raises(ValueError, match=r"got \(3,\)"):
         ss.control.strained_at(control, [1, 2, 3])
     with pytest.raises(ValueError, match="3 times and 2 values"):
         ss.control.time_dependent(control, [0], [0, 1, 2], [1, 1])
