@@ -118,7 +118,7 @@ GOOD = {
     "protocols.kinetic_threshold": {
         "duration": 4.0, "dt": 0.1, "realizations": 1, "ramps": 0, "kicks": [1e-3], "loads": [0.0],
     },
-    "protocols.run_batch": {"states": [STATE]},
+    "protocols.run_batch": {"states": [STATE]}, "protocols.shear_to_failure": {"step": 0.5},
     "friction.prescribed": {"time": TIME, "velocity": 1e-6 + 0 * TIME[1:]},
     "friction.line_fault": {"cell": 100.0, "normal": 5e7, "a": 0.01, "b": 0.015},
     "friction.hold_response": {"legs": HELD, "time": TIME}, "friction.load_steps": {"time": TIME},
@@ -130,6 +130,7 @@ GOOD = {
     "friction.simulate_fault": {"start": HISTORY.state},
     "figures.bursts": {"record": RECORD}, "figures.packing": {"mode": MODE}, "figures.view": {"modes": [MODE]},
     "figures.movie": {"path": "made.gif"},
+    "figures.rate_state.cycles": {"since": TIME, "curves": np.ones((3, len(TIME))), "recurrence": [1.0, 2.0]},
     "io.measured_forces": {
         "position": [[0, 0], [1.01, 0]], "pair_i": [0], "pair_j": [1], "force_n": [0.1], "held": [0, 1],
     },

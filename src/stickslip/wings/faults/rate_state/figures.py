@@ -14,11 +14,13 @@ from ....kit import (
     SKY,
     WIDTH,
     YEAR,
+    Array,
     Result,
     Series,
     column_axes,
     label_axes,
     legend_above,
+    require_shape,
     styled,
     subplots,
 )
@@ -169,7 +171,7 @@ def _abscissa(time, place, legs):
 
 
 @styled
-def cycles(since, curves, recurrence, *, without: int = 0):
+def cycles(since: Series, curves: Annotated[Any, Array((2,), empty=False)], recurrence: Series, *, without: int = 0):
     """Slip against time since an event, above a histogram of recurrence times.
 
     Bands contain 68 and 95 % of the members; the line is their median.
@@ -181,6 +183,7 @@ def cycles(since, curves, recurrence, *, without: int = 0):
     recurrence : (K,) recurrence times [s]
     without : number of members without cycles
     """
+    require_shape((np.shape(curves)[0], len(since)), curves=curves)
     size, unit = next((pair for pair in UNITS if np.median(recurrence) > pair[0]), UNITS[-1])
     figure, (top, bottom) = column_axes(2, 3.8, height_ratios=(3, 2))
     low, first, middle, third, high = np.percentile(curves, PERCENTS, axis=0)

@@ -41,7 +41,7 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
 
 
 @style.styled
-def velocity_steps(curves: list[_Curve], *, twins: bool = True):
+def velocity_steps(curves: Annotated[list[_Curve], Requirement(require_filled)], *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
     Parameters

@@ -66,7 +66,7 @@ def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirem
 
 
 @styled
-def modulus_and_damping(tables: list[_Table], sands: dict | None = None):
+def modulus_and_damping(tables: Annotated[list[_Table], Requirement(require_filled)], sands: dict | None = None):
     """G/Gmax and damping ratio against the amplitude, one line per sample.
 
     Parameters
