@@ -46,6 +46,7 @@ def _steady_pieces(sample: Realization, velocity: float, window: float, column: 
     return pieces
 
 
+@checked
 def steady_slip(result: GougeResult, velocity: float) -> float:
     """Smallest slip of any sample over which steady friction at a velocity is averaged [m]."""
     rows = [_steady_pieces(sample, velocity, _window(result), "friction") for sample in result.realizations]
