@@ -89,8 +89,8 @@ def rows(seconds: str = "300", *, smallest: bool = False):
     for state, law, rng in packings(seconds):
         truth = ss.stability(state, law).grows
         for level in LEVELS:
-            moved[level].append(ss.stability(stirred(state, law, level, rng), law).grows != truth)
-        forgotten = ss.stability(bare(state), law)
+            moved[level].append(ss.stability(stirred(state, law, level, rng), law, method="all").grows != truth)
+        forgotten = ss.stability(bare(state), law, method="all")
         small.append((forgotten.residual, truth, forgotten.grows))
         for digits in DIGITS:
             try:
@@ -98,7 +98,7 @@ def rows(seconds: str = "300", *, smallest: bool = False):
             except ss.packings.PackingError:  # rounding has removed a contact
                 texts[digits].append(np.inf)
     for state, law, _ in packings(0 if smallest else seconds, (500, 501), (-4.6, -3.6), (2,)):
-        forgotten = ss.stability(bare(state), law)
+        forgotten = ss.stability(bare(state), law, method="all")
         large.append((forgotten.residual, ss.stability(state, law).grows, forgotten.grows))
     yield ("grains moved at random: residual, share of changed verdicts, packings")
     for level, changed in moved.items():

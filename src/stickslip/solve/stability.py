@@ -96,7 +96,10 @@ class Stability(NamedTuple):
 
     @property
     def grows(self) -> bool:
-        """True if any mode grows exponentially in the linearised motion around this state, at rest or not."""
+        """True if any mode grows exponentially in the linearised motion around this state, at rest or not.
+
+        False also if no spectrum was computed, because the forces do not balance (`method` is "none").
+        """
         return bool(len(self.pairs) or len(self.negative))
 
     @property
