@@ -124,12 +124,9 @@ def is_compressed(path: Path) -> bool:
     return _read(path, 6).startswith(tuple(COMPRESSED))
 
 
-def read_lines(
-    path: Path,
-    remedy: str = "give a text file, or a binary one that is listed in `stickslip docs exchange`",
-    fallback: str | None = None,
-) -> str:
+def read_lines(path: Path, fallback: str | None = None) -> str:
     """Text of a file, in UTF-8 or another encoding; raise PackingError if it is binary or ends within a line."""
+    remedy = "give a text file, or a binary one that is listed in `stickslip docs exchange`"
     try:
         text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
     except ValueError as problem:

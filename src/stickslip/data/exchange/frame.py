@@ -183,17 +183,17 @@ def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.nd
     return inside, image
 
 
-def list_losses(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
+def list_losses(frame: Frame, *, law: bool = True) -> list[str]:
     """List data that a format does not store: walls, the law, and anything in `Control` other than free grains."""
     state, losses = frame.state, []
     control, n = state.control, len(state.grains.radius)
-    if walls and len(state.walls.mass):
+    if len(state.walls.mass):
         losses.append(f"{len(state.walls.mass)} wall(s)")
     if law:
         losses.append("the contact law")
     acts = control.force.any() or control.torque.any() or control.gravity.any() or control.spring.any()
     held = not control.free[:n, : state.cell.dim].all() or control.cell_free.any() or control.cell_rate.any()
-    if imposed and (acts or held or (control.group >= 0).any()):
+    if acts or held or (control.group >= 0).any():
         losses.append("loads and boundary conditions")
     return losses
 
