@@ -15,20 +15,7 @@ import numpy as np
 
 from ...core import state as core
 from ...core.contacts.bonding import with_bonds
-from ...core.laws.builtin import (
-    DAMPING_N,
-    DAMPING_T,
-    KEEPS_FORCE,
-    KN,
-    KT,
-    LEVER,
-    MU,
-    NO_TENSION,
-    PARAMETERS,
-    ROLLING,
-    TWISTING,
-    Law,
-)
+from ...core.laws.builtin import KEEPS_FORCE, LEVER, NO_TENSION, PARAMETERS, ROLLING, TWISTING, Law
 from ...core.laws.kinds import Kind, own_memory
 from ...core.laws.properties import resists_rolling
 from ...core.readable import pluralize
@@ -87,11 +74,9 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     left = [f"the {feature} of the law" for part, feature in PROPERTIES.items() if law.properties & part]
     lost += left
     if len(law.table) == 1 and not own:
-        values = law.table[0, 0]
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
         arrays |= {"tension": False} if law.damping & NO_TENSION else {}
-        numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
-        arrays |= {name: values[column] for name, column in numbers.items()}
+        arrays |= dict(zip(PARAMETERS, law.table[0, 0], strict=True))
         assumed = [*frame.assumed, *(f"left out, as .npz does not store it: {text}" for text in left)]
         arrays |= {"assumed": assumed} if assumed else {}
     with replace_atomically(Path(path)) as part:
