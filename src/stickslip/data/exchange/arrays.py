@@ -26,7 +26,7 @@ from ...extras import require
 from .. import archive
 from ..archive import restore_bonds, restore_contacts
 from ..run_files import replace_atomically
-from ..sample import COLUMNS, Assumption, PackingError, account_for, law_by_name, repeated_note
+from ..sample import COLUMNS, Assumption, PackingError, account_for, law_by_name, naming, refusing, repeated_note
 from .columns import Packing, chosen_frames, extent_note, only_state, packing_of_columns
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, list_losses, without_walls, wrapped_into
 
@@ -118,11 +118,9 @@ def _bonding(path: Path, arrays: dict[str, np.ndarray]) -> Callable[[State], Sta
 
     def add_bonds(state: State) -> State:
         bonds = Bonds(**{name.removeprefix(BOND): values for name, values in arrays.items()})
-        try:
+        with naming(path), refusing():
             state._replace(bonds=bonds).check_entries()
             return with_bonds(state, bonds)
-        except ValueError as problem:
-            raise PackingError(f"{path}: {problem}") from None
 
     return add_bonds
 
@@ -162,10 +160,8 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
     dim = given.pop("dim", 3)
     if not isinstance(dim, int | float) or dim not in (2, 3):
         raise PackingError(f"{path}: dim must be 2 or 3, got {dim}")
-    try:
+    with naming(path), refusing():
         units = units_from(arrays[UNITS].tolist(), int(dim)) if UNITS in arrays else None
-    except ValueError as problem:
-        raise PackingError(f"{path}: {problem}") from None
     return arrays | {"dim": int(dim), UNITS: units}, given
 
 

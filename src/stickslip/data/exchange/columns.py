@@ -22,13 +22,14 @@ from ...core.reading import Budget, read_bytes
 from ...core.state import State
 from ...core.text import decode_text, has_wide_letters
 from ...known import HARMLESS, USED
-from ..sample import COLUMNS, Absent, Assumption, Obstacle, PackingError, accepted, account_for, from_arrays
+from ..sample import COLUMNS, Absent, Assumption, Obstacle, PackingError, accepted, account_for, from_arrays, refusing
 
 HEAD = 2**14  # number of bytes at the beginning of a file that identify its format
 FEW_DIGITS, SAMPLED = 9, 3000  # largest number of digits that counts as few, and number of words examined
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 MOST_DIGITS = 12  # largest number of digits in a number of grains
 LONGEST_LINE = 60  # length of lines quoted in messages [characters]
+DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)  # errors of compressed files
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
 
@@ -99,12 +100,8 @@ def read_content(path: Path, size: int = -1) -> bytes:
     try:
         with opener(path, "rb") as file:
             content = file.read(size) if size >= 0 else budget.expand(file)
-    except (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile) as problem:
-        raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
-    except PackingError:
-        raise
     except Exception as problem:
-        if type(problem).__name__ != "ZstdError":
+        if not isinstance(problem, DAMAGED) and type(problem).__name__ != "ZstdError":
             raise
         raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
     if not content:
@@ -113,10 +110,8 @@ def read_content(path: Path, size: int = -1) -> bytes:
 
 
 def _read(path: Path, size: int = -1) -> bytes:
-    try:
+    with refusing():
         return read_bytes(path, remedy="give a file of a packing", size=size)
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
 
 
 def is_compressed(path: Path) -> bool:
@@ -127,10 +122,8 @@ def is_compressed(path: Path) -> bool:
 def read_lines(path: Path, fallback: str | None = None) -> str:
     """Text of a file, in UTF-8 or another encoding; raise PackingError if it is binary or ends within a line."""
     remedy = "give a text file, or a binary one that is listed in `stickslip docs exchange`"
-    try:
+    with refusing():
         text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
     if text and not text.endswith("\n"):  # a truncated number would be read as a number
         raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no newline")
     return text

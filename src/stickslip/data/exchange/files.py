@@ -36,6 +36,7 @@ from ..sample import (
     law_text,
     naming,
     notes_about,
+    refusing,
     with_one_account,
 )
 from .arrays import (
@@ -358,10 +359,8 @@ def separate_law(given: dict) -> tuple[dict, Law | None]:
     from ...core.laws.user import from_file
 
     values = {name: value for name, value in given.items() if name not in (*OPTIONS, *WHOLE)}
-    try:
+    with refusing():
         law = with_values(from_file(law) if is_file else law, **values, **more)
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
     rest = {name: value for name, value in given.items() if name not in values}
     lost = [name for name in WHOLE if name in rest]
     if lost:

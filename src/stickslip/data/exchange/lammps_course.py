@@ -16,7 +16,7 @@ from ...core.readable import pluralize
 from ...core.state import State, empty_contacts, flat_walls, loads
 from ...core.text import parse_number
 from ...known import BETWEEN, BONDED, HARMLESS, UNKNOWN, USED, find_row, plain_style
-from ..sample import LAW, Absent, Assumption, Obstacle, PackingError, from_arrays
+from ..sample import LAW, Absent, Assumption, Obstacle, PackingError, from_arrays, refusing
 from . import lammps_restart
 from .columns import Packing
 from .lammps_bonds import laws_of_bonds, note_on_contacts, notes_on_rest, replay
@@ -651,11 +651,9 @@ def setting(course: Course):
     """Function that adds the walls and loads of a run to a state."""
 
     def put(state: State) -> State:
-        try:
+        with refusing():
             for part in course.bonds:
                 state = bonded_at_rest(state, *part)
-        except ValueError as problem:
-            raise PackingError(str(problem)) from None
         if not (course.walls or not course.free.all() or course.gravity.any() or course.force.any()):
             return state
         count = len(course.walls)

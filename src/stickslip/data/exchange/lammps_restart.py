@@ -26,7 +26,7 @@ from ...core.measure import branch_vectors, contact_velocity, overlaps, touching
 from ...core.reading import Reader
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
 from ...known import UNKNOWN, USED, group_of, plain_style
-from ..sample import FIXES, PAIRS, Absent, Note, Obstacle, PackingError, account_for
+from ..sample import FIXES, PAIRS, Absent, Note, Obstacle, PackingError, account_for, refusing
 from .columns import HEAD, ListedBonds, Packing, only_state, read_content
 from .lammps_bonds import list_bonds, note_on_bonds
 from .lammps_laws import HISTORY as HISTORY_LAWS
@@ -281,12 +281,8 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     content = _read_whole(path)
     whole = path.name.replace(".base", ".%")
     remedy = f"convert it with LAMMPS: `read_restart {whole}`, then `write_data packing.data`"
-    try:
+    with refusing(lambda problem: f"{path} cannot be read ({problem}): {remedy}", KeyError, IndexError):
         return [_packing(path, content, remedy)]
-    except PackingError:
-        raise
-    except (ValueError, KeyError, IndexError) as problem:
-        raise PackingError(f"{path} cannot be read ({problem}): {remedy}") from None
 
 
 def _packing(path: Path, content: bytes, remedy: str) -> Packing:

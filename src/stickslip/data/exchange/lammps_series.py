@@ -19,7 +19,7 @@ from ...core.arguments import checked, require_positive
 from ...core.laws.builtin import Law
 from ...core.state import State
 from ...core.text import parse_integer
-from ..sample import WALLS, Obstacle, PackingError, notes_about, with_one_account
+from ..sample import WALLS, Obstacle, PackingError, notes_about, refusing, with_one_account
 from .columns import Packing
 from .files import build_state, capture_warnings, chosen_law, lammps_law, separate_law, with_inertia
 from .lammps_file import packing_from_table, pairs_from_table
@@ -210,10 +210,8 @@ def read_content(frame: DumpFrame) -> Table:
         content = file.read(frame.stop - frame.start)
     if hashlib.blake2b(content, digest_size=8).hexdigest() != frame.digest:
         raise PackingError(f"{frame.path.name}, step {frame.step}: the file was replaced while it was read")
-    try:
+    with refusing(lambda problem: f"{frame.path.name}, step {frame.step} is damaged: {problem}", IndexError, KeyError):
         return parse_step(frame.path, frame.step, content.decode("utf-8").partition("ITEM: TIMESTEP")[2])
-    except (ValueError, IndexError, KeyError) as problem:
-        raise PackingError(f"{frame.path.name}, step {frame.step} is damaged: {problem}") from None
 
 
 INTERVAL = 1.0  # time between two searches of the folder [s]

@@ -19,7 +19,7 @@ from ...core.state import SLIDE
 from ...core.text import parse_integer, parse_numbers
 from ...known import HARMLESS, USED, group_of
 from ..run_files import replace_atomically
-from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for
+from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for, refusing
 from .columns import arrange_grains, digits_note, first_lines, identify_columns, read_lines
 from .frame import Frame, bounding_box, list_losses, unbonded, without_walls, wrapped_into
 from .lammps_bonds import FormattedBonds, bonds_of_data, format_bonds, list_bonds, note_on_bonds
@@ -86,7 +86,7 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
         raise PackingError(
             f"{path} contains no ITEM: TIMESTEP ({first_lines(path)}): give a dump that LAMMPS wrote as text"
         )
-    try:
+    with refusing(lambda problem: f"{path} is truncated or not a LAMMPS dump ({problem})", IndexError, KeyError):
         steps = [parse_integer(piece.split("\n", 2)[1]) for piece in pieces]
         if wanted not in (None, "all") and wanted not in map(str, steps):
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
@@ -95,10 +95,6 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
         if wanted is not None:  # the last of several with the same step, as after `reset_timestep`
             last = [k for k, s in enumerate(steps) if wanted in ("all", str(s))][0 if wanted == "all" else -1 :]
         return [parse_step(path, steps[k], pieces[k]) for k in last], steps
-    except (ValueError, IndexError, KeyError) as problem:
-        if isinstance(problem, PackingError):
-            raise
-        raise PackingError(f"{path} is truncated or not a LAMMPS dump ({problem})") from None
 
 
 def parse_step(path: Path, step: int, piece: str) -> Table:
@@ -248,7 +244,7 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
     first = text.partition("\n")[0]
     sections = _split_sections(text.partition("\n")[2])
     head = sections.pop("")[1]
-    try:
+    with refusing(lambda problem: f"{path} is truncated or not a LAMMPS data file ({problem})", IndexError, TypeError):
         if "Atoms" not in sections:
             raise PackingError(f"{path} has no section Atoms ({first_lines(path)}): give a LAMMPS data file, or a dump")
         style, body = sections["Atoms"]
@@ -261,10 +257,6 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
         motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
         bonds = _parse_bonds(sections, head)
-    except (ValueError, IndexError, TypeError) as problem:
-        if isinstance(problem, PackingError):
-            raise
-        raise PackingError(f"{path} is truncated or not a LAMMPS data file ({problem})") from None
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     known = dict(zip(names, rows.T, strict=False))
     known |= {"position": np.stack([known[axis] for axis in AXES], axis=1), "types": known["type"].astype(np.int64) - 1}

@@ -18,7 +18,7 @@ from ...core.state import SLIDE
 from ...core.tables import split_rows, write_table
 from ...core.text import parse_numbers
 from ..run_files import replace_atomically
-from ..sample import COLUMNS, NO_CONTACTS, Assumption, Obstacle, PackingError
+from ..sample import COLUMNS, NO_CONTACTS, Assumption, Obstacle, PackingError, refusing
 from .columns import (
     HEAD,
     LENGTHS,
@@ -201,20 +201,15 @@ def _convert_lengths(path: Path, columns: dict[str, np.ndarray]) -> list[str]:
 
 def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
     """(rows, width) numbers in lines of equal length; with decimal commas unless commas are separators."""
-    try:
+    with refusing():
         mark = _separator(lines[0]) if lines else None
         rows = [row for _, row in split_rows(path, list(enumerate(lines, 1)), mark)]
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
     for number, row in enumerate(rows, 1):
         if len(row) != width:
             raise PackingError(
                 f"{path} has {len(row)} entries in row {number}, where its columns are {width}: it is damaged"
             )
-    try:
-        return parse_numbers([word if word else "nan" for row in rows for word in row]).reshape(-1, width)
-    except ValueError as problem:
-        raise PackingError(f"{path} contains an entry that is not a number ({problem}): correct it") from None
+    return _parse(path, [word or "nan" for row in rows for word in row], "correct it", (-1, width))
 
 
 def recognize_mercury(head: bytes) -> bool:
@@ -346,14 +341,11 @@ def _read_frame(path: Path, name: str, lines: list[str]) -> Packing:
             )
         about["Properties"] = "species:S:1:pos:R:3:radius:R:1"
         notes = [Assumption(f"{path.name} does not name its columns: species x y z radius is assumed", COLUMNS)]
-    try:
+    end = "its second line must name its columns"
+    with refusing(lambda what: f"{path} has a damaged frame {name} ({what}): {end}", KeyError, IndexError, TypeError):
         kinds = about["Properties"].strip('"').split(":")
         columns = _columns(kinds, [line.split() for line in lines[2:]])
         more, law = _box(about), law_from_dict(json.loads(json.loads(about["law"]))) if "law" in about else None
-    except (KeyError, ValueError, IndexError, TypeError) as problem:
-        raise PackingError(
-            f"{path} has a damaged frame {name} ({problem}): its second line must name its columns"
-        ) from None
     packing = packing_of_columns(columns, path.name, name, **more)
     notes += [*packing.notes, NO_CONTACTS] if law else packing.notes
     return packing._replace(law=law, notes=notes if "cell" in more else [*notes, extent_note(path.name)])
@@ -434,11 +426,9 @@ def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
     return _with_choice(path, names, frame, packings)
 
 
-def _parse(path: Path, words: list[str]) -> np.ndarray:
-    try:
-        return parse_numbers(words)
-    except ValueError as problem:
-        raise PackingError(f"{path} contains an entry that is not a number ({problem}): write it again") from None
+def _parse(path: Path, words: list[str], remedy: str = "write it again", shape: tuple[int, ...] = (-1,)) -> np.ndarray:
+    with refusing(lambda problem: f"{path} contains an entry that is not a number ({problem}): {remedy}"):
+        return parse_numbers(words).reshape(shape)
 
 
 def _with_choice(path: Path, names: list[str], frame: str | None, packings: list[Packing]) -> list[Packing]:

@@ -23,7 +23,7 @@ from ...core.reading import Budget, Reader
 from ...core.text import parse_numbers
 from ...extras import require
 from ..run_files import name_file_in_errors
-from ..sample import Assumption, PackingError
+from ..sample import Assumption, PackingError, refusing
 from .columns import Packing, extent_note, only_state, packing_of_columns, read_content
 from .frame import Frame, exported, list_losses, with_bonds, wrapped_into
 
@@ -214,13 +214,10 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     content = read_content(path)
     budget = Budget(path, len(content), remedy="write it again", error=PackingError)
     legacy = content.lstrip().startswith(LEGACY)
-    try:
+    damage = f"{path} is truncated, or not VTK of points"
+    with refusing(lambda problem: f"{damage} ({str(problem)[:120]})", IndexError, KeyError, zlib.error):
         columns = _legacy_columns(content) if legacy else _xml_columns(content, budget)
         columns = {name: c[:, 0] if c.ndim == 2 and c.shape[1] == 1 else c for name, c in columns.items()}
-    except PackingError:
-        raise
-    except (ValueError, IndexError, KeyError, zlib.error) as problem:
-        raise PackingError(f"{path} is truncated, or not VTK of points ({str(problem)[:120]})") from None
     packing = packing_of_columns(columns, path.name, path.stem)
     return [packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))])]
 
