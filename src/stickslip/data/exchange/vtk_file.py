@@ -130,10 +130,8 @@ def _array(array: ElementTree.Element, source: _Source) -> np.ndarray:
 
 def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
     """Paths of the files of grains and of contacts for each frame."""
-    stems = [path.stem] if count == 1 else [f"{path.stem}_{k:04d}" for k in range(count)]
-    pattern = "{}-contacts{}" if count == 1 else "{0[0]}-contacts_{0[1]}{1}"
-    names = [pattern.format(stem if count == 1 else stem.rsplit("_", 1), path.suffix) for stem in stems]
-    return [(path.with_name(stem + path.suffix), path.with_name(n)) for stem, n in zip(stems, names, strict=True)]
+    ends = [path.suffix] if count == 1 else [f"_{k:04d}{path.suffix}" for k in range(count)]
+    return [(path.with_name(path.stem + end), path.with_name(f"{path.stem}-contacts{end}")) for end in ends]
 
 
 def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
@@ -163,8 +161,7 @@ def _positions(frame: Frame) -> np.ndarray:
     state = frame.state
     if frame.moving or not state.cell.periodic.any():
         return state.grains.position
-    vectors, corner = state.cell.vectors, np.zeros(3)
-    return wrapped_into(state.grains.position, vectors, corner, state.cell.periodic)[0]
+    return wrapped_into(state.grains.position, state.cell.vectors, np.zeros(3), state.cell.periodic)[0]
 
 
 def _write_grains(hl, path: str, frame: Frame) -> str:
