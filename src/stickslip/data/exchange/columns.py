@@ -241,9 +241,8 @@ def names_by_content(rows: np.ndarray) -> list[str] | None:
     if width == 5:
         return ["id", "x", "y", "z", "radius"] if counts else None
     if width == 4:
-        return (
-            ["id", "x", "y", "radius"] if counts and np.ptp(rows[:, 1:3], axis=0).all() else ["x", "y", "z", "radius"]
-        )
+        spread = counts and np.ptp(rows[:, 1:3], axis=0).all()
+        return ["id", "x", "y", "radius"] if spread else ["x", "y", "z", "radius"]
     if width == 6 and (rows[:, :2] == np.round(rows[:, :2])).all() and np.isin(rows[:, 5], (-1, 0, 1)).all():
         return ["frame", "id", "x", "y", "radius", "edge"]
     size = width // 2 - 1  # the first column of radius and density

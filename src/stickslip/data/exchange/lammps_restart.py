@@ -51,13 +51,9 @@ AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact
 HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory of grains
 LONGEST_LIST, LONGEST_NAME = 4096, 200  # bytes of the list of fixes, and of a name
 AT_CAP, TWIST, TWIST_AT_CAP = 6, 7, 8  # columns of `Contacts.rolling`
-MOST, ROTATIONS = (
-    7,
-    4,
-)  # number of values after the slip: contact radius, rolling and twisting; rolling and twisting only
-PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (
-    1 / 3
-)  # gap in LAMMPS over the pull-off gap of jkr
+MOST = 7  # number of values after the slip: contact radius, rolling and twisting
+ROTATIONS = 4  # number of values of rolling and twisting
+PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap over the pull-off gap of jkr
 SHARE = 0.05  # fraction of the dashpot force that half a step may change
 
 
@@ -324,18 +320,11 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     if about[UNITS] not in SAME_UNITS:
         notes.append(Obstacle(f"units {about[UNITS]}, in which LAMMPS converts forces, were not imported"))
     notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
+    labels = _groups_and_labels(content, restart.mask)[1]
     return Packing(
-        str(box.step),
-        arrays,
-        notes,
-        box.step,
-        restart.ids,
-        restart.types,
-        memory=restart,
-        law=law,
-        labels=_groups_and_labels(content, restart.mask)[1],
-        bonds=bonds,
-    )
+        str(box.step), arrays, notes, box.step, restart.ids, restart.types,
+        memory=restart, law=law, labels=labels, bonds=bonds,
+    )  # fmt: skip
 
 
 def stored_fixes(head: bytes) -> dict[str, str]:
@@ -499,9 +488,7 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
     ----------
     memories : entry, and its end, for each style that stores data on bonds
     """
-    number = np.arange(count.sum()) - np.repeat(
-        np.cumsum(count) - count, count
-    )  # index of a bond among those of its grain
+    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # among the bonds of its grain
     row = np.repeat(first, count) + number
     kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (row, row + np.repeat(count, count)))
     memory = np.zeros((len(number), 4))
@@ -561,9 +548,7 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
         values = int((end - entry - 2)[some[0]] // count[some[0]]) - 1 if len(some) else 3
     if values < 3 or not (2 + (values + 1) * count <= end - entry).all():
         raise ValueError("a LAMMPS restart file with more contacts than fit into a record: it is damaged")
-    number = np.arange(count.sum()) - np.repeat(
-        np.cumsum(count) - count, count
-    )  # index of a contact among those of its grain
+    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # among the contacts of its grain
     first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
     plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022, ids were stored as plain numbers

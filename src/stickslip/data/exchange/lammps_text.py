@@ -24,9 +24,7 @@ from .columns import arrange_grains, digits_note, first_lines, identify_columns,
 from .frame import Frame, bounding_box, list_losses, unbonded, without_walls, wrapped_into
 from .lammps_bonds import FormattedBonds, bonds_of_data, format_bonds, list_bonds, note_on_bonds
 
-HEADER = re.compile(
-    r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$"
-)  # heading of a section in a data file
+HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$")  # heading of a section
 ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]  # order of columns of contacts
 VOLUME = 4 / 3 * np.pi
 AXES = ("x", "y", "z")
@@ -102,10 +100,8 @@ def parse_step(path: Path, step: int, piece: str) -> Table:
     items = {}
     for item in piece.split("ITEM: ")[1:]:
         head, _, body = item.partition("\n")
-        items[re.split(r" (?![A-Z]+\b)", head.strip(), maxsplit=1)[0] if head[:3] == "BOX" else head.split()[0]] = (
-            head,
-            body,
-        )
+        name = re.split(r" (?![A-Z]+\b)", head.strip(), maxsplit=1)[0] if head[:3] == "BOX" else head.split()[0]
+        items[name] = head, body
     rows = parse_integer(items["NUMBER"][1].split()[0])
     vectors, corner, periodic = _parse_bounds(*items["BOX BOUNDS"])
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
