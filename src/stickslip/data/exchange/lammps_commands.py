@@ -537,6 +537,15 @@ def _define_dump(run: Run, key: str, rest: list[str]) -> None:
         run.dumps[name or rest[at]] = dump if name else dump.modified(key, rest[at + 1 :])
 
 
+def types_in(word: str, most: int, what: str = "the type {}") -> range:
+    """Types up to `most` in a word such as 1, *, 2* or 1*3; ValueError, about `what`, for other words."""
+    low, star, high = word.partition("*")
+    if not (low + high).isdecimal() and low + high:
+        raise ValueError(f"{what.format(word)} is neither a number nor a label in a labelmap")
+    first = int(low or 1)
+    return range(first, min(int(high or most) if star else first, most) + 1)
+
+
 def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray | None, n: int) -> np.ndarray | None:
     """(n,) bool, members of a group defined by type or id, or combined from such groups; None for others."""
     if name == "all":

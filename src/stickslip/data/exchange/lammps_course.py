@@ -1,7 +1,7 @@
 """Effects of the commands of a LAMMPS run: laws of pairs of types, walls, loads, held grains, and omissions."""
 
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..sample import LAW, Absent, Assumption, Obstacle, PackingError, from_array
 from . import lammps_restart
 from .columns import Packing
 from .lammps_bonds import laws_of_bonds, note_on_contacts, notes_on_rest, replay
-from .lammps_commands import Run, group_members, numbers_in
+from .lammps_commands import Run, group_members, numbers_in, types_in
 from .lammps_laws import (
     HISTORY,
     LIMITED,
@@ -517,8 +517,7 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
         raise ValueError(f"it multiplies forces by factors ({' '.join(factors)}), but only factors of 1 are supported")
     acting: dict[tuple[int, int], dict[str, list[str]]] = {}
     for first, second, part, *rest in course.run.pair_coeff:
-        ends = {(min(a, b), max(a, b)) for a in _types(course, first) for b in _types(course, second)}
-        for pair in ends:
+        for pair in set(_pairs(course, first, second)):
             others = acting.get(pair, {}) if style != "hybrid" and part != "none" else {}
             acting[pair] = others | {plain_style(part): rest}
     for pair, own in acting.items():
@@ -592,22 +591,17 @@ def _take_coefficients(course: Course) -> None:
         lines = {("1", "1"): next(iter(lines.values()))}
     given = {}
     for (first, second), arguments in lines.items():
-        ends = [(a, b) for a in _types(course, first) for b in _types(course, second)]
-        given |= {(min(pair), max(pair)): arguments for pair in ends}
+        given |= dict.fromkeys(_pairs(course, first, second), arguments)
     laws = {arguments: contact_of("granular", arguments)[0] for arguments in dict.fromkeys(given.values())}
     course.contacts |= {pair: laws[arguments] for pair, arguments in given.items()}
     course.stored += [number for arguments in laws for number in numbers_in(arguments)]
     _mix_the_rest(course)
 
 
-def _types(course: Course, word: str) -> range:
-    """Types, from 0, selected by a word such as 1, *, 2* or 1*3, or by a label."""
-    (word,), kinds = course.run.numbers([word]), course.kinds
-    low, star, high = word.partition("*")
-    if not (low + high).isdecimal() and low + high:
-        raise ValueError(f"the type {word} is neither a number nor a label in a labelmap")
-    first = int(low or 1)
-    return range(first - 1, min(int(high or kinds) if star else first, kinds))
+def _pairs(course: Course, first: str, second: str) -> list[tuple[int, int]]:
+    """Pairs of types, from 0, selected by two words such as 1, *, 2* or 1*3, or by labels."""
+    ends = [types_in(word, course.kinds) for word in course.run.numbers([first, second])]
+    return [(min(pair) - 1, max(pair) - 1) for pair in product(*ends)]
 
 
 def _finish_law(course: Course) -> None:
