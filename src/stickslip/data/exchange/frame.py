@@ -144,17 +144,6 @@ def law_from_dict(about: dict) -> Law:
     return Law(kind, COULOMB[about["coulomb"]], table, damping, about.get("properties", 0))
 
 
-def lower_triangular_vectors(state: State, name: str) -> np.ndarray:
-    """(3, 3) box vectors, the first along x and the second in the x–y plane, as most formats require."""
-    vectors = state.cell.vectors
-    if np.triu(vectors, 1).any() or not (np.diag(vectors) > 0).all():
-        raise PackingError(
-            f"{name} requires the first box vector along x and the second in the x-y plane, which this cell does not "
-            f"satisfy: write .npz, .h5 or .vtu"
-        )
-    return vectors
-
-
 def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Vectors and corner of a box with all grains: the cell along periodic directions, just large enough along others.
 
@@ -165,7 +154,12 @@ def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
     grains, cell = state.grains, state.cell
     vectors, corner = np.diag([1.0, 1.0, 1.0]), np.zeros(3)
     if cell.periodic.any():
-        vectors = np.where(cell.periodic[:, None], lower_triangular_vectors(state, name), 0.0)
+        if np.triu(cell.vectors, 1).any() or not (np.diag(cell.vectors) > 0).all():
+            raise PackingError(
+                f"{name} requires the first box vector along x and the second in the x-y plane, which this cell does "
+                "not satisfy: write .npz, .h5 or .vtu"
+            )
+        vectors = np.where(cell.periodic[:, None], cell.vectors, 0.0)
     low = (grains.position - grains.radius[:, None]).min(axis=0)
     high = (grains.position + grains.radius[:, None]).max(axis=0)
     for k in np.flatnonzero(~cell.periodic):
