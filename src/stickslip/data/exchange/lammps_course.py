@@ -132,8 +132,8 @@ def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> N
     axis = "xyz".index(kind[0])
     for word, side in zip(rest, (1.0, -1.0), strict=True):
         if word != "NULL":
-            _add_wall(course, name, Plane(side * _finite(word), side * np.eye(3)[axis], number))
-            _add_wall_law(course, contact, arguments)
+            wall = Plane(side * _finite(word), side * np.eye(3)[axis], number)
+            _add_wall(course, name, wall, contact, arguments[0])
 
 
 def _wall_law(course: Course, arguments: list[str]) -> tuple[Contact, list[str]]:
@@ -148,17 +148,25 @@ def _wall_law(course: Course, arguments: list[str]) -> tuple[Contact, list[str]]
     return wall_contact(style, arguments)
 
 
-def _add_wall(course: Course, name: str, wall: Plane) -> None:
-    """Add a wall, and note grains behind it, which would be inside the wall here."""
-    position, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
-    course.push(wall.overlap(position, radius) > 0)
-    course.walls.append(wall)
+def _add_wall(course: Course, name: str, wall: Plane, contact: Contact, style: str) -> None:
+    """Add a wall and its law for all types, and note grains behind it, which would be inside the wall here."""
+    position, radius, year = course.packing.arrays["position"], course.packing.arrays["radius"], course.run.year
+    overlap = wall.overlap(position, radius)
+    touches, classic = overlap > 0, year == 0 or 2022 <= year <= 2025
+    course.push(touches)
     behind = int((position @ wall.normal < wall.height).sum())
     if behind:
         course.obstacle(
             f"{pluralize(behind, 'grain')} behind the wall of fix {name}: LAMMPS pushes them to the other side or not "
             "at all, but here walls are solid behind their surface"
         )
+    if plain_style(style) == "hooke/history" and classic and touches.any():
+        # LAMMPS multiplies its k_t by the contact radius √(δ R), here at its mean
+        wall = wall._replace(scale=float(np.sqrt(overlap[touches] * radius[touches]).mean()))
+        values = contact.values | {"kt": contact.values["kt"] * wall.scale}
+        contact = contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
+    course.walls.append(wall)
+    course.contacts |= {(a, course.kinds + len(course.walls) - 1): contact for a in range(course.kinds)}
 
 
 def _finite(word: str) -> float:
@@ -168,20 +176,6 @@ def _finite(word: str) -> float:
     if not np.isfinite(value := parse_number(word)):
         raise ValueError(f"{word} is not a finite number")
     return value
-
-
-def _add_wall_law(course: Course, contact: Contact, arguments: list[str]) -> None:
-    """Law between the newest wall and all types."""
-    own, radius, year = contact, course.packing.arrays["radius"], course.run.year
-    overlap = course.walls[-1].overlap(course.packing.arrays["position"], radius)
-    touches, classic = overlap > 0, year == 0 or 2022 <= year <= 2025
-    if plain_style(arguments[0]) == "hooke/history" and classic and touches.any():
-        # LAMMPS multiplies its k_t by the contact radius √(δ R), here at its mean
-        scale = float(np.sqrt(overlap[touches] * radius[touches]).mean())
-        course.walls[-1] = course.walls[-1]._replace(scale=scale)
-        values = contact.values | {"kt": contact.values["kt"] * scale}
-        own = contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
-    course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
 
 
 OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # of regions, and their numbers of arguments
@@ -222,8 +216,7 @@ def _take_region(course: Course, name: str, group: str, arguments: list[str]) ->
             [_touched_face(course, bounds, number)] if outside else _inner_faces(bounds, given.get("open", ()), number)
         )
     for wall in walls:
-        _add_wall(course, name, wall)
-        _add_wall_law(course, contact, arguments)
+        _add_wall(course, name, wall, contact, arguments[0])
 
 
 def _inner_faces(bounds: np.ndarray, left_open: Sequence[str], number: int) -> list[Plane]:
@@ -382,9 +375,9 @@ def take_over(course: Course) -> None:
     _take_pairs(course)
     for name, (group, style, *_) in run.fixes.items():
         if style in MOVERS:
-            _try(course, name, lambda group=group, style=style: _take_mover(course, group, style))
+            _try(course, name, _take_mover, group, style)
     for name, (group, style, *arguments) in sorted(run.fixes.items(), key=lambda fix: fix[1][1] in CENTRED):
-        _try(course, name, lambda *given: _take_fix(course, *given), name, style, group, arguments)
+        _try(course, name, _take_fix, name, style, group, arguments)
     _hold_the_rest(course)
     _finish_law(course)
 
@@ -393,7 +386,7 @@ def _try(course: Course, name: str, take, *given) -> None:
     """Import a fix, or note why this is impossible."""
     group, style, *_ = course.run.fixes[name]
     try:
-        take(*given)
+        take(course, *given)
         return
     except RecursionError:
         why = f"group {group} is composed of too many others"
