@@ -102,8 +102,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
             arrays = dict(zip(("x", "y", "z", "radius"), flat.T, strict=True))
         elif flat is not None:
             arrays = {name: flat[name] for name in flat.dtype.names or ()}
-        packing = packing_of_columns(arrays, path.name, path.stem)
-        return [packing._replace(notes=[*packing.notes, *notes])]
+        return [packing_of_columns(arrays, path.name, path.stem, notes)]
     arrays, given = check_arrays(path, arrays)
     del arrays["units"]
     notes = [repeated_note(text) for text in np.atleast_1d(arrays.pop("assumed", [])).tolist()]

@@ -288,8 +288,10 @@ def _find_vector(plain: dict[str, np.ndarray], prefixes) -> tuple[np.ndarray | N
     return None, []
 
 
-def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = "", **more) -> Packing:
-    """Packing from columns; `what` names the file, and `more` holds further entries of `Packing.arrays`.
+def packing_of_columns(
+    columns: dict[str, np.ndarray], what: str, name: str = "", further: Sequence[str] = (), **more
+) -> Packing:
+    """Packing from columns of a file named `what`, with further notes, and more entries of `Packing.arrays`.
 
     Raises
     ------
@@ -331,7 +333,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         notes.append(Assumption(f"{what} {why}: ids are ignored, and each row is treated as a grain", COLUMNS))
     ids, arrays, said = arrange_grains(what, known, more.get("dim", 3))
     types = arrays.pop("types", None)
-    notes += [*said, *_notes_on_columns(what, columns, rest)]
+    notes += [*said, *_notes_on_columns(what, columns, rest), *further]
     return Packing(name, arrays | more, notes, ids=ids, types=types)
 
 

@@ -228,13 +228,12 @@ def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
     """Read time steps of a MercuryDPM .data file, named by number."""
     packings = []
     walls = "no walls and periodic boundaries were read, as MercuryDPM's .data has none; they are in its .restart"
+    notes = [Assumption(walls), Assumption(extent_note(path.name))]
     needed = "N t and the domain are needed, as in MercuryDPM"
     for name, lines in split_frames(path, frame, MERCURY, 1, "time step", needed):
         names = MERCURY[len(lines[0].split())]
         rows = _numbers(path, lines[1:], len(names))
-        packing = packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, name)
-        more = Assumption(walls), Assumption(extent_note(path.name))
-        packings.append(packing._replace(notes=[*packing.notes, *more]))
+        packings.append(packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, name, notes))
     return packings
 
 
@@ -421,8 +420,7 @@ def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
                 raise PackingError(
                     f"{path} has {len(words)} values of {query!r} at time {names[k]}, but {most} of other queries"
                 )
-        packing = packing_of_columns(columns, path.name, names[k])
-        packings.append(packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))]))
+        packings.append(packing_of_columns(columns, path.name, names[k], [Assumption(extent_note(path.name))]))
     return _with_choice(path, names, frame, packings)
 
 
@@ -490,10 +488,9 @@ def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
     cell[:dim, :dim] = _parse(path, head[len(head) - dim**2 :]).reshape(dim, dim)
     periodic = [flag == "T" for flag in flags] + [False] * (3 - dim)
     columns = {**dict(zip("xyz", rows[:, :dim].T, strict=False)), "diameter": diameter}
-    packing = packing_of_columns(columns, path.name, path.stem, dim=dim, cell=cell, periodic=periodic)
     notes = [Assumption(f"{path.name}: positions are assumed to be lengths, not lattice fractions", COLUMNS)]
     notes += [] if all(periodic[:dim]) else [Obstacle(f"hard walls of {path.name} (F) were not imported")]
-    return [packing._replace(notes=[*packing.notes, *notes])]
+    return [packing_of_columns(columns, path.name, path.stem, notes, dim=dim, cell=cell, periodic=periodic)]
 
 
 def recognize_mfix(head: bytes) -> bool:
@@ -528,8 +525,7 @@ def read_mfix(path: Path, frame: str | None = None) -> list[Packing]:
         raise PackingError(f"{path} has rows with fewer numbers than its {len(names)} columns: it is damaged")
     values = _parse(path, [re.sub("[dD]", "e", word) for row in rows for word in row[: len(names)]])
     columns |= dict(zip(names, values.reshape(count, -1).T, strict=True))
-    packing = packing_of_columns(columns, path.name, path.stem)
-    notes = [*packing.notes, Assumption(extent_note(path.name))]
+    notes = [Assumption(extent_note(path.name))]
     if more := max(map(len, rows), default=0) - len(names):  # temperature, species, scalars
         notes.append(f"{path.name}: columns after {' '.join(names)} are not used: {more}")
-    return [packing._replace(notes=notes)]
+    return [packing_of_columns(columns, path.name, path.stem, notes)]

@@ -215,8 +215,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     with refusing(lambda problem: f"{damage} ({str(problem)[:120]})", IndexError, KeyError, zlib.error):
         columns = _legacy_columns(content) if legacy else _xml_columns(content, budget)
         columns = {name: c[:, 0] if c.ndim == 2 and c.shape[1] == 1 else c for name, c in columns.items()}
-    packing = packing_of_columns(columns, path.name, path.stem)
-    return [packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))])]
+    return [packing_of_columns(columns, path.name, path.stem, [Assumption(extent_note(path.name))])]
 
 
 def _legacy_columns(content: bytes) -> dict[str, np.ndarray]:
