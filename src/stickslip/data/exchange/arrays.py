@@ -407,14 +407,10 @@ def _read_frame(path, file, number: int) -> Packing:
                     raise ValueError(f"{place} has type {dtype}")
                 filled = np.prod(shape, dtype=int)
                 flat = file.file.read_chunk(number, PREFIX + place).astype(dtype) if filled else np.zeros(0, dtype)
-                fields[name] = flat.reshape(shape)
+                fields[name] = flat.reshape(shape) if shape else flat.item()
         if fields:  # only runs with dashpots store forces
             maker = {"contacts": restore_contacts, "bonds": restore_bonds}.get(noun)
             parts[noun] = maker(fields) if maker else kind(**fields)
-    parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
-    parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
-    if "instant" in parts:
-        parts["instant"] = parts["instant"]._replace(mark=int(parts["instant"].mark))
     state = State(**parts, time=float(meta["time"]))
     check(state)
     notes = [repeated_note(text) for text in meta.get("assumed", ())]
