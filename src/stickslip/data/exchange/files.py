@@ -86,7 +86,7 @@ FORMATS = (
     Format("LAMMPS restart", _here("lammps_restart.recognize"), _here("lammps_restart.read")),
     Format("part of a LAMMPS restart", _here("lammps_restart.recognize_part"), _here("lammps_restart.read")),
     Format("LAMMPS dump", _here("lammps_file.recognize_dump"), _here("lammps_file.read_grain_dump"), of_lammps=True),
-    Format("LAMMPS data", _here("lammps_file.recognize_data"), _here("lammps_file.read_data_file"), of_lammps=True),
+    Format("LAMMPS data", _here("lammps_file.recognize_data"), _here("lammps_text.read_data_file"), of_lammps=True),
     Format("VTK", _here("vtk_file.recognize"), _here("vtk_file.read")),
     Format("extended XYZ", _here("table_file.recognize_xyz"), _here("table_file.read_xyz")),
     Format("MercuryDPM .data", _here("table_file.recognize_mercury"), _here("table_file.read_mercury")),

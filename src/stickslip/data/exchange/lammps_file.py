@@ -14,7 +14,7 @@ Source: LAMMPS documentation of `pair_style gran` and `compute pair/local`; doi:
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,8 +28,8 @@ from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
 from ...known import UNKNOWN, USED, group_of
 from ..sample import HUGE, Assumption, MemoryNote, PackingError, PackingWarning, accepted, account_for
-from .columns import ALL_DIGITS, HEAD, Packing, head_text, only_state, placed_state, read_content
-from .lammps_text import FORCE, ORDER, Table, add_box, grains_from_dump, read_data, read_dump
+from .columns import ALL_DIGITS, HEAD, Packing, head_text, placed_state, read_content
+from .lammps_text import FORCE, ORDER, Table, packing_from_table, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
 ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
@@ -82,37 +82,6 @@ def read_grain_dump(
     own = {new: name for new, name in (names or {}).items() if group_of("column of a dump", name) == USED}
     tables = [t._replace(columns={own.get(name, name): words for name, words in t.columns.items()}) for t in tables]
     return [packing_from_table(table, path, boundary, said) for table in tables]
-
-
-def read_data_file(path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None):
-    """Read the packing of a data file.
-
-    Parameters
-    ----------
-    boundary : three letters as in LAMMPS, such as ppf; all directions are periodic by default
-    atom_style : style of the atoms if the section Atoms does not name it
-    """
-    ids, arrays, box, notes = read_data(path, atom_style)
-    only_state(path, frame)
-    return [_finish_packing(box, ids, arrays, boundary, notes)]
-
-
-def packing_from_table(table: Table, path: Path, boundary: str | None = None, said: Sequence[str] = ()) -> Packing:
-    """Packing from one time step of a dump of grains; `said` are notes on the file."""
-    ids, arrays, notes = grains_from_dump(table, path)
-    return _finish_packing(table, ids, arrays, boundary, [*notes, *said])
-
-
-def _finish_packing(
-    table: Table, ids: np.ndarray | None, arrays: dict, boundary: str | None, notes: list[str]
-) -> Packing:
-    """Packing with its cell, periodic flags and dimension."""
-    types, force, labels = arrays.pop("types", None), arrays.pop("force", None), arrays.pop("labels", {})
-    bonds, setting = arrays.pop("bonds", None), arrays.pop("setting", None)
-    arrays, notes = add_box(table, arrays, boundary, notes)
-    return Packing(
-        str(table.step), arrays, notes, table.step, ids, types, force, setting=setting, labels=labels, bonds=bonds
-    )
 
 
 def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pairs:

@@ -22,9 +22,9 @@ from ...core.text import parse_integer
 from ..sample import WALLS, Obstacle, PackingError, notes_about, refusing, with_one_account
 from .columns import Packing
 from .files import build_state, capture_warnings, chosen_law, lammps_law, separate_law, with_inertia
-from .lammps_file import packing_from_table, pairs_from_table
+from .lammps_file import pairs_from_table
 from .lammps_folder import read_folder
-from .lammps_text import Table, parse_step
+from .lammps_text import Table, packing_from_table, parse_step
 
 GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # entries counted in a dump
 BEGIN, ITEM = b"ITEM: TIMESTEP", b"ITEM:"

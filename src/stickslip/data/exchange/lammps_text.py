@@ -6,6 +6,7 @@ reads it back.
 
 import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from ...core.text import parse_integer, parse_numbers
 from ...known import HARMLESS, USED, group_of
 from ..run_files import replace_atomically
 from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for, refusing
-from .columns import arrange_grains, digits_note, first_lines, identify_columns, read_lines
+from .columns import Packing, arrange_grains, digits_note, first_lines, identify_columns, only_state, read_lines
 from .frame import Frame, bounding_box, list_losses, unbonded, without_walls, wrapped_into
 from .lammps_bonds import FormattedBonds, bonds_of_data, format_bonds, list_bonds, note_on_bonds
 
@@ -172,8 +173,8 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
     return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), notes
 
 
-def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
-    """Ids, arrays for `from_arrays` (and `types`, `force`) and notes from a dump of grains, sorted by id."""
+def packing_from_table(table: Table, path: Path, boundary: str | None = None, said: Sequence[str] = ()) -> Packing:
+    """Packing from one time step of a dump of grains, sorted by id; `said` are notes on the file."""
     used = [name for name in table.columns if group_of("column of a dump", name) == USED and name != "type"]
     known, _ = identify_columns({name: table.numbers(name) for name in used})
     known = {name: column for name, column in known.items() if name not in ("velocity", "spin") or column.shape[1] == 3}
@@ -186,8 +187,9 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
     known |= {"force": table.numbers(*FORCE)} if table.has(*FORCE) else {}
     if table.has("type") and all(word.isdecimal() for word in table.columns["type"]):
         known["types"] = table.numbers("type").astype(np.int64) - 1
-    ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
-    notes = digits_note(next(words for name, words in table.columns.items() if name in ("x", "xu", "xs", "xsu"))) + said
+    ids, arrays, notes = arrange_grains(path.name, known, volume=VOLUME)
+    words = next(words for name, words in table.columns.items() if name in ("x", "xu", "xs", "xsu"))
+    notes = [*digits_note(words), *notes]
     charges = {"q": HARMLESS} if table.has("q") and not table.numbers("q").any() else {}
     notes += account_for("column of a dump", table.columns, path.name, charges)
     notes += account_for("item of a dump", table.items, path.name)
@@ -196,7 +198,9 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
         if len(ids) and ids[-1] > len(ids):
             gaps = f"ids go up to {ids[-1]}, but {len(ids)} grains are in the file"
             notes.append(Absent(f"{gaps}: if it is the dump of a group, others may touch them", GROUP))
-    return ids, arrays, notes
+    types, force = arrays.pop("types", None), arrays.pop("force", None)
+    arrays, notes = add_box(table, arrays, boundary, [*notes, *said])
+    return Packing(str(table.step), arrays, notes, table.step, ids, types, force)
 
 
 def check_ids(path: Path, ids: np.ndarray) -> None:
@@ -231,10 +235,15 @@ def _position(table: Table, path: Path) -> np.ndarray:
     )
 
 
-def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, Table, list[str]]:
-    """Read ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and notes from a data file.
+def read_data_file(
+    path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None
+) -> list[Packing]:
+    """Read the packing of a data file, with the time step −1 if it is unknown.
 
-    The atom style is the one named in the section Atoms, the one `asked` for, or the only one that fits.
+    Parameters
+    ----------
+    boundary : three letters as in LAMMPS, such as ppf; all directions are periodic by default
+    atom_style : style of the atoms if the section Atoms does not name it; by default, the only one that fits
     """
     text = read_lines(path)
     first = text.partition("\n")[0]
@@ -248,7 +257,7 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         labels = _type_labels(sections, "Atom")
         rows = _parse_rows(body, count, "Atoms", labels)
         vectors, corner = _parse_data_box(head)
-        names, notes = _columns_of_atoms(path, style, asked, rows, head)
+        names, notes = _columns_of_atoms(path, style, atom_style, rows, head)
         step = re.search(r"timestep = ([^\s,]+)", first)
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
         motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
@@ -263,16 +272,18 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         known |= {"velocity": motion[:, 1:4]} | ({"spin": motion[:, 4:7]} if motion.shape[1] >= 7 else {})
     check_ids(path, rows[:, 0])
     ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
-    arrays["labels"] = {label: int(number) for label, number in labels.items()}
-    arrays["bonds"] = list_bonds(path.name, ids, *bonds)
+    listed = list_bonds(path.name, ids, *bonds)
     try:
-        arrays["setting"], why = bonds_of_data(head, arrays["bonds"]), ""
+        setting, why = bonds_of_data(head, listed), ""
     except (ValueError, IndexError, TypeError) as problem:
-        arrays["setting"], why = None, str(problem)
-    said += [] if arrays["setting"] else note_on_bonds(arrays["bonds"], why)
+        setting, why = None, str(problem)
+    said += [] if setting else note_on_bonds(listed, why)
     notes += [*said, *account_for("section", sections, path.name)]
     notes += account_for("heading of a data file", _headings(head), path.name)
-    return ids, arrays, box, notes
+    only_state(path, frame)
+    types, numbers = arrays.pop("types"), {label: int(number) for label, number in labels.items()}
+    arrays, notes = add_box(box, arrays, boundary, notes)
+    return [Packing(str(box.step), arrays, notes, box.step, ids, types, setting=setting, labels=numbers, bonds=listed)]
 
 
 def _type_labels(sections: dict[str, tuple[str | None, str]], kind: str) -> dict[str, str]:
