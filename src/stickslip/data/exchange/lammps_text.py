@@ -222,14 +222,12 @@ def _position(table: Table, path: Path) -> np.ndarray:
     """(N, 3) positions, unwrapped if the columns allow it [length]."""
     vectors, corner = table.vectors, table.corner
     whole = whole_periods(table.numbers("ix", "iy", "iz"), vectors) if table.has("ix", "iy", "iz") else 0.0
-    for mark in ("u", ""):
-        if table.has(*(axis + mark for axis in AXES)):
-            position = table.numbers(*(axis + mark for axis in AXES))
-            return position if mark else position + whole
-    for mark in ("su", "s"):
-        if table.has(*(axis + mark for axis in AXES)):
-            position = corner + table.numbers(*(axis + mark for axis in AXES)) @ vectors
-            return position + (whole if mark == "s" else 0.0)
+    for mark in ("u", "", "su", "s"):
+        names = [axis + mark for axis in AXES]
+        if table.has(*names):
+            position = table.numbers(*names)
+            position = corner + position @ vectors if "s" in mark else position
+            return position if "u" in mark else position + whole
     raise PackingError(
         f"{path} has columns {' '.join(table.columns)}: it needs x y z, xu yu zu, xs ys zs or xsu ysu zsu ({RENAMED})"
     )
