@@ -90,14 +90,6 @@ def has_dumps(folder: Path, kind: str, pattern: str = "*") -> bool:
     return False
 
 
-def find_compressed(folder: Path) -> Path | None:
-    """First compressed file in a folder whose name contains "dump"."""
-    for path in sorted(folder.iterdir()):
-        if "dump" in path.name and path.is_file() and _head(path).startswith(COMPRESSED):
-            return path
-    return None
-
-
 def _read_new_frames(path: Path, before: Dump, modified: int) -> Dump:
     """Find the frames that were written since the previous search."""
     with path.open("rb") as file:
@@ -319,8 +311,9 @@ def _require_dumps(folder: Path, pattern: str, kind: str) -> None:
     """Raise PackingError if no file in the folder is, or may become, a dump of a kind."""
     if has_dumps(folder, kind, pattern):
         return
-    if folder.is_dir() and (packed := find_compressed(folder)):
-        raise PackingError(f"{packed} is compressed: decompress it, or have LAMMPS write text")
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if "dump" in path.name and path.is_file() and _head(path).startswith(COMPRESSED):
+            raise PackingError(f"{path} is compressed: decompress it, or have LAMMPS write text")
     if kind == CONTACTS:
         raise PackingError(f"{folder / pattern} is not a text file of contacts from `dump local` in LAMMPS: {NEEDS}")
     empty = not any(folder.iterdir())

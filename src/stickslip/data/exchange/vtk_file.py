@@ -240,7 +240,8 @@ def _legacy_columns(content: bytes) -> dict[str, np.ndarray]:
                 name, width, rows, kind = reader.tokens()
                 columns[name] = reader.numbers(int(width) * int(rows), kind).reshape(int(rows), int(width))
         elif key == "METADATA":
-            reader.skip_block()
+            while reader.left and reader.line():  # up to the next empty line
+                pass
         elif key in ("VERTICES", "LINES", "POLYGONS", "CELLS", "CELL_TYPES") and reader.binary and len(tokens) > 1:
             reader.numbers(int(tokens[-1]), "int")
     return columns
@@ -260,11 +261,6 @@ class _Legacy(Reader):
             if tokens := self.line().decode("latin-1").split():
                 return tokens
         return []
-
-    def skip_block(self) -> None:
-        """Skip to the next empty line."""
-        while self.left and self.line():
-            pass
 
     def numbers(self, count: int, kind: str) -> np.ndarray:
         """The next `count` numbers of a type."""
