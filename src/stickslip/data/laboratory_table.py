@@ -311,10 +311,7 @@ def unit_of_time(ratio: float, stated: float = 1.0) -> str:
 
 def _is_wanted(heading: str, wanted: Wanted, named: dict[str, int | str] | None) -> bool:
     """Return True if a heading names a wanted column."""
-    if named is not None and heading in named.values():
-        return True
-    columns = (COLUMNS[name] for name in wanted.columns)
-    return any(unit_of(heading, aliases, units)[0] in aliases for units, aliases in columns)
+    return heading in (named or {}).values() or bool(_describe_column(heading, wanted)[0])
 
 
 def _named_headings(
