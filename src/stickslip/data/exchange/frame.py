@@ -173,8 +173,7 @@ def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.nd
     share = (position - corner) @ np.linalg.inv(vectors)
     image = np.where(periodic, np.floor(share), 0.0)
     inside = position - image @ vectors
-    image = image.astype(np.int64)
-    return inside, image
+    return inside, image.astype(np.int64)
 
 
 def list_losses(frame: Frame, *, law: bool = True) -> list[str]:

@@ -147,11 +147,9 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
             )
         names = given
     elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names):
-        names = (
-            name_contact_columns(_finite_numbers(table, path, *names), packing, path)
-            if table.columns[names[0]]
-            else ORDER[: len(names)]
-        )
+        rows = len(table.columns[names[0]])
+        values = _finite_numbers(table, path, *names)
+        names = name_contact_columns(values, packing, path) if rows else ORDER[: len(names)]
     names = [ALIASES.get(name, name) for name in names]
     names = [f"{name}{k}" if name == SKIPPED else name for k, name in enumerate(names)]
     if "periodic" in names and "tx" not in names:  # LIGGGHTS's pair/gran/local
