@@ -161,6 +161,12 @@ def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
     return [len(names) - 1 if frame is None else names.index(frame)]
 
 
+def choice_note(path: Path, names: list[str], frame: str | None, what: str) -> list[str]:
+    """Note that the last of several states is used, if none was chosen; `what` is the word for them."""
+    last = f"{path.name} has {len(names)} {what}: the last, {names[-1]}, is used; choose another with --frame"
+    return [last] if frame is None and len(names) > 1 else []
+
+
 def split_frames(
     path: Path, frame: str | None, widths: Container[int], above: int, what: str, needed: str
 ) -> list[tuple[str, list[str]]]:

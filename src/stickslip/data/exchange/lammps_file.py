@@ -28,7 +28,7 @@ from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
 from ...known import UNKNOWN, USED, group_of
 from ..sample import HUGE, Assumption, MemoryNote, PackingError, PackingWarning, accepted, account_for
-from .columns import ALL_DIGITS, HEAD, Packing, head_text, placed_state, read_content
+from .columns import ALL_DIGITS, HEAD, Packing, choice_note, head_text, placed_state, read_content
 from .lammps_text import FORCE, ORDER, Table, packing_from_table, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
@@ -77,8 +77,7 @@ def read_grain_dump(
             f"{path} is a dump of contacts, with columns {' '.join(tables[-1].columns)}: give the grains, a dump of "
             f"atoms or a data file, and this file as --contacts"
         )
-    many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
-    said = many if frame is None and len(steps) > 1 else []
+    said = choice_note(path, [*map(str, steps)], frame, "time steps")
     own = {new: name for new, name in (names or {}).items() if group_of("column of a dump", name) == USED}
     tables = [t._replace(columns={own.get(name, name): words for name, words in t.columns.items()}) for t in tables]
     return [packing_from_table(table, path, boundary, said) for table in tables]

@@ -26,6 +26,7 @@ from .columns import (
     TIMES,
     UNIT,
     Packing,
+    choice_note,
     chosen_frames,
     extent_note,
     first_lines,
@@ -90,11 +91,11 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
         packings = [packing_of_columns(columns, path.name, path.stem)]
     else:
         steps = np.unique(times)
-        chosen = chosen_frames(path, [f"{step:g}" for step in steps], frame)
+        names = [f"{step:g}" for step in steps]
+        chosen = chosen_frames(path, names, frame)
         parts = [{name: values[times == steps[k]] for name, values in columns.items()} for k in chosen]
-        packings = [packing_of_columns(part, path.name, f"{steps[k]:g}") for k, part in zip(chosen, parts, strict=True)]
-        last = f"{path.name} has {len(steps)} time steps: the last, {steps[-1]:g}, is used; choose another with --frame"
-        notes = [*notes, last] if frame is None else notes
+        packings = [packing_of_columns(part, path.name, names[k]) for k, part in zip(chosen, parts, strict=True)]
+        notes = [*notes, *choice_note(path, names, frame, "time steps")]
     more = Assumption(extent_note(path.name))
     return [packing._replace(notes=[*notes, *packing.notes, more]) for packing in packings]
 
@@ -402,8 +403,8 @@ def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
     times = TIME.split(read_lines(path))[1:]
     if not times:
         raise PackingError(f"{path} has EDEM queries but no line `TIME:` above them: export it with its header")
-    names = times[::2]
-    packings = []
+    names, packings = times[::2], []
+    choice = choice_note(path, names, frame, "states")
     for k in chosen_frames(path, names, frame):
         queries = QUERY.split(times[2 * k + 1])[1:]
         lists = [re.findall(r"[^\s,;\"]+", values) for values in queries[1::2]]
@@ -421,20 +422,12 @@ def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
                     f"{path} has {len(words)} values of {query!r} at time {names[k]}, but {most} of other queries"
                 )
         packings.append(packing_of_columns(columns, path.name, names[k], [Assumption(extent_note(path.name))]))
-    return _with_choice(path, names, frame, packings)
+    return [packing._replace(notes=[*choice, *packing.notes]) for packing in packings]
 
 
 def _parse(path: Path, words: list[str], remedy: str = "write it again", shape: tuple[int, ...] = (-1,)) -> np.ndarray:
     with refusing(lambda problem: f"{path} contains an entry that is not a number ({problem}): {remedy}"):
         return parse_numbers(words).reshape(shape)
-
-
-def _with_choice(path: Path, names: list[str], frame: str | None, packings: list[Packing]) -> list[Packing]:
-    """Packings, with a note on the choice among several."""
-    if frame is not None or len(names) == 1:
-        return packings
-    last = f"{path.name} has {len(names)} states: the last, {names[-1]}, is used; choose another with --frame"
-    return [packing._replace(notes=[last, *packing.notes]) for packing in packings]
 
 
 def recognize_jambash(head: bytes) -> bool:
@@ -448,6 +441,7 @@ def read_jambash(path: Path, frame: str | None = None) -> list[Packing]:
     if not found:
         raise PackingError(f"{path} is truncated: N, L1, L2 and the disks in braces are needed, as in jamBashBulk")
     names = [str(k) for k in range(len(found))]
+    choice = choice_note(path, names, frame, "states")
     packings, more = [], {"dim": 2, "periodic": [True, True, False]}
     for k in chosen_frames(path, names, frame):
         count, *lists = found[k]
@@ -458,7 +452,7 @@ def read_jambash(path: Path, frame: str | None = None) -> list[Packing]:
         cell[:2, :2] = first, second
         columns = dict(zip(("x", "y", "radius"), rows.reshape(-1, 3).T, strict=True))
         packings.append(packing_of_columns(columns, path.name, names[k], cell=cell, **more))
-    return _with_choice(path, names, frame, packings)
+    return [packing._replace(notes=[*choice, *packing.notes]) for packing in packings]
 
 
 def recognize_packlsd(head: bytes) -> bool:
