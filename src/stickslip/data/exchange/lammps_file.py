@@ -220,15 +220,13 @@ def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: 
     tangential, length = pairs.tangential[entries], np.linalg.norm(branch, axis=1)
     along = np.abs(np.einsum("ck,ck->c", tangential, branch)) / length
     slack = 0.0 if pairs.normal is None else NEGLIGIBLE * np.linalg.norm(pairs.normal[entries], axis=1).sum()
-    wrong = [] if along.sum() <= OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() + slack else ["tx ty tz"]
-    if (
-        pairs.branch is not None
-        and np.abs(sign[:, None] * pairs.branch[entries] - branch).sum() > OTHER_LAW * length.sum()
-    ):
-        wrong.append("dx dy dz")
-    if pairs.distance is not None and np.abs(pairs.distance[entries] - length).sum() > OTHER_LAW * length.sum():
-        wrong.append("dist")
-    if wrong:
+    most = OTHER_LAW * length.sum()
+    checks = {
+        "tx ty tz": along.sum() > OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() + slack,
+        "dx dy dz": pairs.branch is not None and np.abs(sign[:, None] * pairs.branch[entries] - branch).sum() > most,
+        "dist": pairs.distance is not None and np.abs(pairs.distance[entries] - length).sum() > most,
+    }
+    if wrong := [name for name, is_wrong in checks.items() if is_wrong]:
         raise PackingError(
             f"the columns {' and '.join(wrong)} of the contacts do not agree with the positions of the grains: name "
             "all columns in their order with --columns"

@@ -198,13 +198,10 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     parts = [_read_block(block, columns, stores, values) for block in blocks if len(block)]
     if not parts:
         raise ValueError("a LAMMPS restart file without grains")
-    tag, *grains = (np.concatenate(columns) for columns in zip(*(part[0] for part in parts), strict=True))
-    pairs, touched = (
-        [np.concatenate(columns) for columns in zip(*(part[k] for part in parts), strict=True)] for k in (1, 2)
-    )
+    groups = ([np.concatenate(columns) for columns in zip(*group, strict=True)] for group in zip(*parts, strict=True))
+    (tag, *grains), pairs, touched, bonds = groups
     order = np.argsort(tag)
     ids = tag[order]
-    bonds = [np.concatenate(column) for column in zip(*(part[3] for part in parts), strict=True)]
     orientation = grains.pop()
     if not np.diff(ids).all() or not np.isin(np.concatenate([pairs[0], pairs[1], touched[1]]), ids).all():
         raise ValueError("a LAMMPS restart file with a contact of a missing grain")

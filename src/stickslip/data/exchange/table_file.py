@@ -216,13 +216,10 @@ def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
 def recognize_mercury(head: bytes) -> bool:
     """Return True for a MercuryDPM .data file: the number of grains, the time and the domain, then the grains."""
     lines = head_text(head).split("\n")
-    sizes = [len(line.split()) for line in lines[:2]]
-    return (
-        len(lines) > 1
-        and sizes[0] in MERCURY
-        and sizes[1] in (len(MERCURY[sizes[0]]), 0)
-        and names_of(lines[0]) is None
-    )
+    names = MERCURY.get(len(lines[0].split()))
+    if names is None or len(lines) < 2 or names_of(lines[0]) is not None:
+        return False
+    return len(lines[1].split()) in (len(names), 0)
 
 
 def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
