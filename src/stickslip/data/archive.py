@@ -154,19 +154,15 @@ def restore(node: Node, known: dict[str, type]):
         number = {"float": float, "int": int}[node.attrs["keys"]]
         return {number(name): value for name, value in tree.items()}
     if noun is Law and "own" in tree:
-        tree["kind"] = _restore_kind(tree["kind"], tree.pop("own"))
+        try:
+            tree["kind"] = restore_kind(tree["kind"], tree.pop("own"))
+        except ValueError as problem:
+            raise ArchiveError(f"this archive cannot be read: {problem}") from None
     maker = {Contacts: restore_contacts, Bonds: restore_bonds}.get(noun)
     made = maker(tree) if maker else noun(**tree) if noun else tree
     if noun in (State, Law) or (noun and noun not in _NOUNS):  # parts of a state are checked together with it
         check_value(noun.__name__, made, noun)
     return made
-
-
-def _restore_kind(kind: int, about: dict) -> Kind:
-    try:
-        return restore_kind(kind, about)
-    except ValueError as problem:
-        raise ArchiveError(f"this archive cannot be read: {problem}") from None
 
 
 def units_within(node: Node, path: str = "") -> dict[str, str]:

@@ -380,8 +380,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
         arrays = {}
         for name, value in parts.items():
             rows = value.tocsr() if _is_sparse(value) else None
-            each = {name: value} if rows is None else {f"{name}.{part}": getattr(rows, part) for part in PARTS}
-            arrays |= each
+            arrays |= {name: value} if rows is None else {f"{name}.{part}": getattr(rows, part) for part in PARTS}
         with replace_atomically(path) as part, part.open("wb") as file:
             np.savez_compressed(file, **arrays)
         return paths
@@ -390,7 +389,10 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     path.mkdir(exist_ok=True)
     for one, value in zip(paths, parts.values(), strict=True):
         with replace_atomically(one) as part, part.open("wb") as file:
-            mmwrite(file, value if _is_sparse(value) else _table(value), precision=17, symmetry="general")
+            if not _is_sparse(value):  # in two dimensions, with truth values as 0 and 1
+                value = value.astype(np.int64) if value.dtype.kind in "bu" else value
+                value = value.reshape(len(value) if value.ndim else 1, -1)
+            mmwrite(file, value, precision=17, symmetry="general")
     return paths
 
 
@@ -430,9 +432,3 @@ def _parts_of(sources) -> dict:
 
 def _is_sparse(value) -> bool:
     return hasattr(value, "tocsr")
-
-
-def _table(value: np.ndarray) -> np.ndarray:
-    """Array in two dimensions; truth values as 0 and 1."""
-    value = value.astype(np.int64) if value.dtype.kind in "bu" else value
-    return value.reshape(len(value) if value.ndim else 1, -1)

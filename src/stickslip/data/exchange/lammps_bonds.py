@@ -109,7 +109,8 @@ def format_bonds(state: State) -> FormattedBonds:
     for style in dict.fromkeys(style for style, *_ in laws):
         fades = [bonds.fading[k] > 0 for k, law in zip(rows, laws, strict=True) if law[0] == style and limited[k]]
         unfading += 0 if all(fades) else sum(fades)
-        more = f" overlay/pair yes break {_yes(breaks)} smooth {_yes(bool(fades) and all(fades))}"
+        fade = "yes" if fades and all(fades) else "no"
+        more = f" overlay/pair yes break {'yes' if breaks else 'no'} smooth {fade}"
         options[style] = more if style.startswith("bpm/") else ""
     one = len(options) == 1
     named = " ".join(style + more for style, more in options.items())
@@ -158,10 +159,6 @@ def _bond_coefficients(bonds: Bonds, k: int, *, harmonic: bool) -> tuple:
     tension, shear, bending, twisting = [UNBREAKABLE] * 4 if bonds.form[k] == BY_BEAM else strength
     limits = tension, shear, twisting, bending
     return "bpm/rotational", *stiffness[:2], stiffness[3], stiffness[2], *limits, *damping
-
-
-def _yes(true: bool) -> str:
-    return "yes" if true else "no"
 
 
 class Commands(NamedTuple):

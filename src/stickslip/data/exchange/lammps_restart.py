@@ -10,6 +10,7 @@ the bits of doubles.
 import re
 import struct
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -366,12 +367,10 @@ def _groups_and_labels(content: bytes, mask: np.ndarray) -> tuple[dict[str, np.n
             names.append(name)
     except ValueError:
         return {}, {}
-    try:
+    with suppress(ValueError):  # the end of the labels
         if reader.number("<i") == LABELS and reader.number("<i"):
             while len(labels) < LONGEST_NAME:
                 labels.append(_string(reader))
-    except ValueError:  # the end of the labels
-        pass
     return masks, {label: k for k, label in enumerate(labels, start=1) if label}
 
 
