@@ -24,7 +24,7 @@ from ...core.state import Bonds, State, check
 from ...core.units import current_units, units_from
 from ...extras import require
 from .. import archive
-from ..archive import restore_bonds, restore_contacts
+from ..archive import with_fields
 from ..run_files import replace_atomically
 from ..sample import COLUMNS, Assumption, PackingError, account_for, law_by_name, naming, refusing, repeated_note
 from .columns import Packing, chosen_frames, extent_note, only_state, packing_of_columns
@@ -409,8 +409,7 @@ def _read_frame(path, file, number: int) -> Packing:
                 flat = file.file.read_chunk(number, PREFIX + place).astype(dtype) if filled else np.zeros(0, dtype)
                 fields[name] = flat.reshape(shape) if shape else flat.item()
         if fields:  # only runs with dashpots store forces
-            maker = {"contacts": restore_contacts, "bonds": restore_bonds}.get(noun)
-            parts[noun] = maker(fields) if maker else kind(**fields)
+            parts[noun] = with_fields(kind, fields)
     state = State(**parts, time=float(meta["time"]))
     check(state)
     notes = [repeated_note(text) for text in meta.get("assumed", ())]
