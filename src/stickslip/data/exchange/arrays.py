@@ -24,7 +24,7 @@ from ...core.state import Bonds, State, check
 from ...core.units import current_units, units_from
 from ...extras import require
 from .. import archive
-from ..archive import with_fields
+from ..archive import trimmed, with_fields
 from ..run_files import replace_atomically
 from ..sample import COLUMNS, Assumption, PackingError, account_for, law_by_name, naming, refusing, repeated_note
 from .columns import Packing, chosen_frames, extent_note, only_state, packing_of_columns
@@ -297,14 +297,12 @@ def _state_chunks(frame: Frame) -> dict[str, np.ndarray]:
     """Chunks of the complete state: flattened arrays, with their shapes and the law as JSON."""
     if frame.moving:
         return {META: _json_chunk({"schema": GSD_SCHEMA, "moving": True})}
-    chunks, shapes, count = {}, {}, int(frame.state.contacts.count[0])
-    for noun in [noun for noun in NOUNS if getattr(frame.state, noun) is not None]:
-        for name, value in getattr(frame.state, noun)._asdict().items():
+    chunks, shapes, state = {}, {}, frame.state._replace(contacts=trimmed(frame.state.contacts))
+    for noun in [noun for noun in NOUNS if getattr(state, noun) is not None]:
+        for name, value in getattr(state, noun)._asdict().items():
             if value is None:
                 continue
             value = np.asarray(value)
-            if noun == "contacts" and name in core.PER_PAIR:
-                value = value[:count]
             shapes[f"{noun}/{name}"] = [value.dtype.str, list(value.shape)]
             if value.size:
                 flat = np.ascontiguousarray(value).ravel()
