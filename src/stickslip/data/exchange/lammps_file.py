@@ -355,7 +355,7 @@ def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 def group_hint(packing: Packing) -> str:
     """Sentence stating that gaps in the ids suggest the grains of a group; empty without gaps."""
-    ids = np.zeros(0, int) if packing.ids is None else packing.ids
+    ids = packing.ids
     if not len(ids) or ids[-1] == len(ids):
         return ""
     return f"the {len(ids)} grains have ids up to {ids[-1]}, as in the dump of a group: give a dump of all grains"
@@ -379,7 +379,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     """
     names, ids = [""] * values.shape[1], packing.ids
     ends = next((k for k in range(min(values.shape[1], MOST) - 1) if _are_pairs(values[:, k : k + 2], packing)), None)
-    if ends is None or ids is None:
+    if ends is None:
         raise PackingError(
             f"{path} has {values.shape[1]} unnamed columns, none of which contain ids of touching grains: "
             f"{group_hint(packing) or 'its grains are those of another time step or run, or name its columns'}"

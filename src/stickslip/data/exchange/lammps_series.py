@@ -373,10 +373,7 @@ def read_pair(source: Source, pair: Pair) -> tuple[State, list[str]]:
         acts = [note for note in run.notes if isinstance(note, Obstacle)]
         notes = dict.fromkeys([*(note for note in packing.notes if note not in known), *acts])
         packing = packing._replace(setting=run.setting, notes=[*notes])
-
-    pairs = None
-    if contacts is not None and local is not None:
-        pairs = pairs_from_table(local, contacts.path, packing, source.columns)
+    pairs = None if local is None else pairs_from_table(local, contacts.path, packing, source.columns)
     (state, more), said = capture_warnings(build_state, packing, pairs, source.law)
     return with_inertia(state, source.i0), [*with_one_account([*packing.notes, *more]), *said]
 
