@@ -191,9 +191,7 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     start, blocks = _blocks(content)
     fixes, style = _fixes(content[:start])[1], str(_header(content)[0].get(STYLE, "sphere"))
     marks = {f"_{kind.upper().replace('/', '_')}_FIX_PROP": kind for kind in BOND_MEMORY}  # fixes for bond styles
-    named = []  # names in the order of their entries in a record
-    for name, kind in fixes:
-        named.append(next((marks[mark] for mark in marks if mark in name), kind))
+    named = [next((marks[mark] for mark in marks if mark in name), kind) for name, kind in fixes]
     stores = named if walls is None else [HISTORY, *[REGION] * walls]
     columns = own_columns(style)
     parts = [_read_block(block, columns, stores, values) for block in blocks if len(block)]
