@@ -65,9 +65,8 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
         return _array_sheet(path, _matlab_arrays(path, content), known)
     if (sheet := _look_sheet(path, content)) is not None:
         return sheet
-    return _text_sheet(
-        path, decode_text(content, path, remedy=REMEDY, fallback="cp1252"), known, named, example, remedy
-    )
+    text = decode_text(content, path, remedy=REMEDY, fallback="cp1252")
+    return _text_sheet(path, text, known, named, example, remedy)
 
 
 def _text_sheet(

@@ -207,9 +207,8 @@ def _take_region(course: Course, name: str, group: str, arguments: list[str]) ->
         walls = [Plane(float(point @ normal), normal, number)]
     else:
         ends = zip(words[:6], (-np.inf, np.inf) * 3, strict=True)
-        bounds = (
-            np.array([end if word == "INF" else _finite(word) for word, end in ends]).reshape(3, 2) * scale[:, None]
-        )
+        numbers = [end if word == "INF" else _finite(word) for word, end in ends]
+        bounds = np.array(numbers).reshape(3, 2) * scale[:, None]
         if outside and "open" in given:
             raise ValueError("a block with open faces and grains outside is not supported")
         walls = (

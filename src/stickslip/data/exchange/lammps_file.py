@@ -296,9 +296,8 @@ def complete_law_options(given: dict) -> dict:
 
 def read_boundary(contacts: Path) -> str | None:
     """Read the boundaries of the box from the header of a dump; a data file does not contain them."""
-    head = re.search(
-        r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", head_text(read_content(contacts, HEAD))
-    )
+    text = head_text(read_content(contacts, HEAD))
+    head = re.search(r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", text)
     return None if head is None else "".join("p" if mark == "pp" else "f" for mark in head.groups())
 
 

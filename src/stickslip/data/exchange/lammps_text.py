@@ -158,10 +158,8 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
         periodic = given
     elif periodic is None:
         periodic = np.ones(3, bool)
-        notes = [
-            *notes,
-            Absent("the file does not state periodic directions: all are assumed to be periodic (--boundary)"),
-        ]
+        missing = "the file does not state periodic directions: all are assumed to be periodic (--boundary)"
+        notes = [*notes, Absent(missing)]
     flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
     cell = table.vectors.copy()
     if not any(a[:, 2].any() for a in flat):
@@ -367,9 +365,8 @@ def _fits(names: list[str], style: str, rows: np.ndarray, types: float, head: st
     images = (rows[:, len(names) :] == np.round(rows[:, len(names) :])).all()
     sizes = all((part[name] > 0).all() for name in ("diameter", "density", "mass") if name in part)
     kind = bool(((part["type"] >= 1) & (part["type"] <= types)).all())
-    shaped = (
-        "flag" not in part or not part["flag"].any() or bool(re.search(rf"(?m)^\s*\d+\s+{PLURAL.get(style)}\b", head))
-    )
+    flagged = "flag" in part and part["flag"].any()
+    shaped = not flagged or bool(re.search(rf"(?m)^\s*\d+\s+{PLURAL.get(style)}\b", head))
     return bool(whole and images and sizes and kind and shaped)
 
 

@@ -140,9 +140,8 @@ def read_columns(
         below.pop()
     rows = _numbers(path, below, len(names or (_split(lines[0]) if lines else ())))
     if len(rows) and (empty := np.isnan(rows).all(axis=1)).any() and not empty.all():
-        notes.append(
-            Assumption(f"{path.name} has {empty.sum()} of {len(rows)} rows without a number: left out", COLUMNS)
-        )
+        without = f"{path.name} has {empty.sum()} of {len(rows)} rows without a number: left out"
+        notes.append(Assumption(without, COLUMNS))
         rows = rows[~empty]
     if names is None and (names := names_by_content(rows)) is None:
         raise PackingError(
