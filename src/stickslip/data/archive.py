@@ -154,19 +154,14 @@ def restore(node: Node, known: dict[str, type]):
         number = {"float": float, "int": int}[node.attrs["keys"]]
         return {number(name): value for name, value in tree.items()}
     if noun is Law and "own" in tree:
-        tree["kind"] = _restore_kind(tree["kind"], tree.pop("own"))
-    maker = {Contacts: restore_contacts, Bonds: restore_bonds}.get(noun)
-    made = maker(tree) if maker else noun(**tree) if noun else tree
+        try:
+            tree["kind"] = restore_kind(tree["kind"], tree.pop("own"))
+        except ValueError as problem:
+            raise ArchiveError(f"this archive cannot be read: {problem}") from None
+    made = with_fields(noun, tree) if noun else tree
     if noun in (State, Law) or (noun and noun not in _NOUNS):  # parts of a state are checked together with it
         check_value(noun.__name__, made, noun)
     return made
-
-
-def _restore_kind(kind: int, about: dict) -> Kind:
-    try:
-        return restore_kind(kind, about)
-    except ValueError as problem:
-        raise ArchiveError(f"this archive cannot be read: {problem}") from None
 
 
 def units_within(node: Node, path: str = "") -> dict[str, str]:
@@ -220,25 +215,22 @@ def archive_fields(record) -> Fields:
     return Fields(out, type(record))
 
 
-def restore_contacts(fields: dict) -> Contacts:
-    """Contact list from its fields in a file.
+def with_fields(noun: type, fields: dict):
+    """NamedTuple with given fields, which may come from a file of an earlier version.
 
-    Up to archive schema 4 and GSD schema 1, skin was an array whose second entry was the gap, infinite positions marked
-    a stale list, and a law without rolling memory had an array without rows.
+    Up to archive schema 4 and GSD schema 1, the skin of contacts was an array whose second entry was the gap, infinite
+    positions marked a stale list, and a law without rolling memory had an array without rows. Early versions did not
+    store the loads that broke bonds.
     """
-    fields = {name: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for name, v in fields.items()}
-    if "stale" not in fields:
+    if noun is Bonds:
+        fields = {"failed": np.zeros(len(fields["i"]), np.int8)} | fields
+    if noun is Contacts and "stale" not in fields:
         skin, finite = np.atleast_1d(fields["skin"]), np.isfinite(fields["origin"])
         fields |= {"skin": float(skin[0]), "gap": float(skin[1:].sum()), "stale": not finite.all()}
         fields["origin"] = np.where(finite, fields["origin"], 0.0)
         if not len(fields.get("rolling", ())):
             fields["rolling"] = None
-    return Contacts(**fields)
-
-
-def restore_bonds(fields: dict) -> Bonds:
-    """Bonds from their fields in a file. Files of early versions do not contain the breaking loads."""
-    return Bonds(**{"failed": np.zeros(len(fields["i"]), np.int8)} | fields)
+    return noun(**fields)
 
 
 SCHEMA, OLDEST = 5, 4  # schema that is written, and the oldest one that is read

@@ -131,7 +131,8 @@ class Checkpoint(NamedTuple):
         self.folder.mkdir(parents=True, exist_ok=True)
         # a reproduction runs several scenarios: the first is that of the run, the others are those of its parts
         if not self._has_note:
-            write_atomically(self._part_note if unfinished_scenario(self.run) else self._note, self.scenario.encode())
+            note = self._note(_PART if unfinished_scenario(self.run) else BEGUN)
+            write_atomically(note, self.scenario.encode())
         if not (self.run / SCENARIO).exists():
             write_atomically(self.run / SCENARIO, self.scenario.encode())
 
@@ -146,21 +147,13 @@ class Checkpoint(NamedTuple):
             if UNFINISHED not in inside.parts:
                 self.of(str(inside))._find()
 
-    @property
-    def _note(self) -> Path:
-        return self.run / UNFINISHED / f"{BEGUN}{self._digest}.json"
-
-    @property
-    def _part_note(self) -> Path:
-        return self.run / UNFINISHED / f"{_PART}{self._digest}.json"
+    def _note(self, kind: str) -> Path:
+        digest = hashlib.sha256(self.scenario.encode()).hexdigest()[:16]
+        return self.run / UNFINISHED / f"{kind}{digest}.json"
 
     @property
     def _has_note(self) -> bool:
-        return self._note.is_file() or self._part_note.is_file()
-
-    @property
-    def _digest(self) -> str:
-        return hashlib.sha256(self.scenario.encode()).hexdigest()[:16]
+        return any(self._note(kind).is_file() for kind in (BEGUN, _PART))
 
     def save(self, name: str, value: Any) -> None:
         """Write a piece atomically; it survives a crash of this process."""

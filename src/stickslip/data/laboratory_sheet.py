@@ -65,9 +65,8 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
         return _array_sheet(path, _matlab_arrays(path, content), known)
     if (sheet := _look_sheet(path, content)) is not None:
         return sheet
-    return _text_sheet(
-        path, decode_text(content, path, remedy=REMEDY, fallback="cp1252"), known, named, example, remedy
-    )
+    text = decode_text(content, path, remedy=REMEDY, fallback="cp1252")
+    return _text_sheet(path, text, known, named, example, remedy)
 
 
 def _text_sheet(
@@ -228,11 +227,7 @@ def _look_sheet(path: Path, content: bytes) -> Sheet | None:
         raise ValueError(
             f"{path} is a damaged XLOOK file: its length does not match its {count} columns; copy it again"
         )
-    if len({length for *_, length in used}) > 1:
-        told = ", ".join(f"{name} {length}" for name, _, length in used[:5])
-        raise ValueError(
-            f"{path} has columns of different lengths ({told}): every column needs one value for each sample"
-        )
+    _check_lengths(path, [(name, length) for name, _, length in used])
 
     def usual(values: np.ndarray) -> float:
         size = np.abs(values)
@@ -258,16 +253,17 @@ def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], k
         raise ValueError(f"{path} has records in {len(groups)} groups ({', '.join(sorted(groups)[:5])}): keep only one")
     group = next(iter(groups), "")
     columns = {name.rpartition("/")[2]: value for name, value in columns.items() if name.rpartition("/")[0] == group}
-    lengths = {name: len(array) for name, (array, _) in columns.items() if known(name)}
-    if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} {length}" for name, length in list(lengths.items())[:5])
+    lengths = [(name, len(array)) for name, (array, _) in columns.items() if known(name)]
+    _check_lengths(path, lengths)
+    columns = {name: value for name, value in columns.items() if not lengths or len(value[0]) == lengths[0][1]}
+    units = [unit for _, unit in columns.values()]
+    return Sheet(list(columns), units, values=[array.astype(float) for array, _ in columns.values()])
+
+
+def _check_lengths(path: Path, lengths: list[tuple[str, int]]) -> None:
+    """Raise ValueError if columns, given with their lengths, do not have the same length."""
+    if len({length for _, length in lengths}) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in lengths[:5])
         raise ValueError(
             f"{path} has columns of different lengths ({told}): every column needs one value for each sample"
         )
-    length = next(iter(lengths.values()), None)
-    columns = {name: value for name, value in columns.items() if length in (None, len(value[0]))}
-    return Sheet(
-        list(columns),
-        [unit for _, unit in columns.values()],
-        values=[array.astype(float) for array, _ in columns.values()],
-    )

@@ -32,74 +32,39 @@ STRESS |= {"kg/cm2": 98066.5, "psf": 47.88025898034, "ksf": 47880.25898034, "tsf
 NUMBER = {"-": 1.0, "1": 1.0, "": 1.0, "na": 1.0}
 STRAIN = NUMBER | {"%": 1e-2, "percent": 1e-2, "pct": 1e-2, "per_cent": 1e-2, "m/m": 1.0, "mm/mm": 1.0}
 SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
-COLUMNS = {  # if several columns of a file have names for the same quantity, the first of these names is used
-    "time": (TIME, ("time", "t", "sample_time", "elapsed_time", "test_time", "time_elapsed")),
-    "load_point": (
-        LENGTH,
-        ("load_point", "load_point_displacement", "load_point_disp", "loadpoint", "lp_displacement", "lp_disp",
-         "lpdisp", "shear_displacement", "shear_disp", "vdcdt", "displacement", "disp"),
-    ),
-    "friction": (
-        NUMBER, ("friction", "mu", "μ", "friction_coefficient", "coefficient_of_friction", "friction_coeff", "cof")
-    ),
-    "shear_stress": (STRESS, ("shear_stress", "shr_stress", "tau", "τ", "shear", "vstress")),
-    "normal_stress": (
-        STRESS,
-        ("effective_normal_stress", "eff_normal_stress", "eff_norm_stress", "effns", "normal_stress", "norm_stress",
-         "nor_stress", "sigma_n", "σ_n", "sn", "hstress"),
-    ),
-    "pore_pressure": (
-        STRESS,
-        ("pore_pressure", "pore_press", "pore_pres", "porepressure", "pore_fluid_pressure", "pore_water_pressure",
-         "fluid_pressure", "water_pressure", "pore", "p_pore", "pore_p", "pp", "p_p", "pf", "p_f", "pfluid", "p_fluid"),
-    ),
-    "slip": (LENGTH, ("slip", "fault_slip", "ec_disp")),
-    "velocity": (SPEED, ("velocity", "slip_velocity", "slip_rate")),
-    "theta": (TIME, ("theta", "state")),
-    "axial_strain": (
-        STRAIN,
-        ("axial_strain", "vertical_strain", "ε_a", "ε_1", "ε_z", "epsa", "e_a", "e1", "strain", "ε"),
-    ),
-    "log_axial_strain": (STRAIN, ("log_axial_strain", "logarithmic_axial_strain", "natural_axial_strain",
-                                  "true_axial_strain", "hencky_axial_strain")),
-    "volumetric_strain": (
-        STRAIN,
-        ("volumetric_strain", "volume_strain", "volumetric", "ε_v", "ε_vol", "εvol", "epsv", "e_v"),
-    ),
-    "log_volumetric_strain": (STRAIN, ("log_volumetric_strain", "logarithmic_volumetric_strain",
-                                       "natural_volumetric_strain", "true_volumetric_strain")),
-    "q": (
-        STRESS,
-        ("q", "deviator_stress", "deviator",
-         "corrected_deviator_stress", "q'", "σ_d", "stress_difference", "principal_stress_difference",
-         "axial_stress_difference", "σ1_σ3", "σa_σr", "σ'1_σ'3", "s1_s3"),
-    ),
-    "excess_pore_pressure": (
-        STRESS,
-        ("excess_pore_pressure", "excess_pore_water_pressure", "excess_pwp", "excess_pressure", "pore_pressure_change",
-         "change_in_pore_pressure", "delta_u", "deltau", "du", "δu", "∆u", "δ_u", "u_excess", "u_ex"),
-    ),
-    "u": (STRESS, ("u", "pwp", "u_w", "uw")),
-    "p": (
-        STRESS,
-        ("p'", "p_prime", "p_eff", "mean_effective_stress", "effective_camb_p'", "p'_mean", "mean_stress", "p"),
-    ),
-    "axial_stress": (
-        STRESS,
-        ("effective_axial_stress", "effective_vertical_stress", "effective_major_principal_stress", "σ'_v", "σ'_a",
-         "σ'_1", "axial_stress", "vertical_stress", "major_principal_stress", "σ_v", "σ_a", "σ_1", "s_1",
-         "s'_1"),
-    ),
-    "total_axial_stress": (STRESS, ("total_axial_stress", "total_vertical_stress")),
-    "cell_pressure": (
-        STRESS, ("cell_pressure", "confining_pressure", "confining_stress", "radial_pressure", "radial_stress",
-                 "total_radial_stress", "minor_principal_stress", "σ_3", "σ_r", "s_3")
-    ),
-    "effective_radial_stress": (
-        STRESS, ("effective_radial_stress", "effective_confining_stress", "effective_confining_pressure",
-                 "effective_lateral_stress", "effective_minor_principal_stress", "σ'_3", "σ'_r", "σ'_h", "s'_3")
-    ),
-    "void_ratio": (NUMBER, ("void_ratio", "voids_ratio", "voidratio", "e")),
+QUANTITIES = {  # units, and names between blanks; if a file has columns with several of them, the first one is used
+    "time": (TIME, "time t sample_time elapsed_time test_time time_elapsed"),
+    "load_point": (LENGTH, "load_point load_point_displacement load_point_disp loadpoint lp_displacement lp_disp "
+        "lpdisp shear_displacement shear_disp vdcdt displacement disp"),
+    "friction": (NUMBER, "friction mu μ friction_coefficient coefficient_of_friction friction_coeff cof"),
+    "shear_stress": (STRESS, "shear_stress shr_stress tau τ shear vstress"),
+    "normal_stress": (STRESS, "effective_normal_stress eff_normal_stress eff_norm_stress effns normal_stress "
+        "norm_stress nor_stress sigma_n σ_n sn hstress"),
+    "pore_pressure": (STRESS, "pore_pressure pore_press pore_pres porepressure pore_fluid_pressure "
+        "pore_water_pressure fluid_pressure water_pressure pore p_pore pore_p pp p_p pf p_f pfluid p_fluid"),
+    "slip": (LENGTH, "slip fault_slip ec_disp"),
+    "velocity": (SPEED, "velocity slip_velocity slip_rate"),
+    "theta": (TIME, "theta state"),
+    "axial_strain": (STRAIN, "axial_strain vertical_strain ε_a ε_1 ε_z epsa e_a e1 strain ε"),
+    "log_axial_strain": (STRAIN, "log_axial_strain logarithmic_axial_strain natural_axial_strain true_axial_strain "
+        "hencky_axial_strain"),
+    "volumetric_strain": (STRAIN, "volumetric_strain volume_strain volumetric ε_v ε_vol εvol epsv e_v"),
+    "log_volumetric_strain": (STRAIN, "log_volumetric_strain logarithmic_volumetric_strain natural_volumetric_strain "
+        "true_volumetric_strain"),
+    "q": (STRESS, "q deviator_stress deviator corrected_deviator_stress q' σ_d stress_difference "
+        "principal_stress_difference axial_stress_difference σ1_σ3 σa_σr σ'1_σ'3 s1_s3"),
+    "excess_pore_pressure": (STRESS, "excess_pore_pressure excess_pore_water_pressure excess_pwp excess_pressure "
+        "pore_pressure_change change_in_pore_pressure delta_u deltau du δu ∆u δ_u u_excess u_ex"),
+    "u": (STRESS, "u pwp u_w uw"),
+    "p": (STRESS, "p' p_prime p_eff mean_effective_stress effective_camb_p' p'_mean mean_stress p"),
+    "axial_stress": (STRESS, "effective_axial_stress effective_vertical_stress effective_major_principal_stress σ'_v "
+        "σ'_a σ'_1 axial_stress vertical_stress major_principal_stress σ_v σ_a σ_1 s_1 s'_1"),
+    "total_axial_stress": (STRESS, "total_axial_stress total_vertical_stress"),
+    "cell_pressure": (STRESS, "cell_pressure confining_pressure confining_stress radial_pressure radial_stress "
+        "total_radial_stress minor_principal_stress σ_3 σ_r s_3"),
+    "effective_radial_stress": (STRESS, "effective_radial_stress effective_confining_stress "
+        "effective_confining_pressure effective_lateral_stress effective_minor_principal_stress σ'_3 σ'_r σ'_h s'_3"),
+    "void_ratio": (NUMBER, "void_ratio voids_ratio voidratio e"),
 }  # fmt: skip
 OTHER_LANGUAGES = {  # names in German, French, Spanish and Italian
     "time": "zeit temps tiempo tempo",
@@ -119,7 +84,10 @@ OTHER_LANGUAGES = {  # names in German, French, Spanish and Italian
     "axial_stress": "axialspannung vertikalspannung contrainte_axiale contrainte_verticale",
     "cell_pressure": "zelldruck pression_de_confinement pression_cellulaire",
 }  # fmt: skip
-COLUMNS |= {name: (COLUMNS[name][0], (*COLUMNS[name][1], *words.split())) for name, words in OTHER_LANGUAGES.items()}
+COLUMNS = {
+    name: (units, (*names.split(), *OTHER_LANGUAGES.get(name, "").split()))
+    for name, (units, names) in QUANTITIES.items()
+}
 SHORT = {  # abbreviations in headings, and other forms of the same word
     "ax": "axial", "vert": "vertical", "rad": "radial", "vol": "volumetric", "dev": "deviator", "eff": "effective",
     "deviatoric": "deviator", "conf": "confining", "press": "pressure", "pres": "pressure", "disp": "displacement",
@@ -343,10 +311,7 @@ def unit_of_time(ratio: float, stated: float = 1.0) -> str:
 
 def _is_wanted(heading: str, wanted: Wanted, named: dict[str, int | str] | None) -> bool:
     """Return True if a heading names a wanted column."""
-    if named is not None and heading in named.values():
-        return True
-    columns = (COLUMNS[name] for name in wanted.columns)
-    return any(unit_of(heading, aliases, units)[0] in aliases for units, aliases in columns)
+    return heading in (named or {}).values() or bool(_describe_column(heading, wanted)[0])
 
 
 def _named_headings(

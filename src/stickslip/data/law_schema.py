@@ -25,6 +25,7 @@ from ..core.units import in_si
 from ..extras import cache_folder
 from .schema import Finite, NotNegative, Positive, ScenarioError, ScenarioTable, Several, split_unit, validate_scenario
 
+CHECKED = 16  # digits of a digest that are the checksum of a file
 TRUSTED = "trusted_laws.txt"  # file in the user's cache folder with the SHA-256 of every text that may be executed
 
 
@@ -78,16 +79,12 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _checksum(text: str) -> str:
-    return _digest(text)[:16]
-
-
 def _with_checksum(law: dict) -> dict:
     """Table of a law with the checksum of its file, if there is a file and the checksum is missing."""
     if not isinstance(law.get("file"), str) or "checksum" in law:
         return law
     path = Path(law["file"]).absolute()
-    return law | {"file": str(path), "checksum": _checksum(_read(path))}
+    return law | {"file": str(path), "checksum": _digest(_read(path))[:CHECKED]}
 
 
 def with_laws(tables: dict, change: Callable[[dict], dict]) -> dict:
@@ -152,7 +149,7 @@ def load_law(choice: LawFile) -> Law:
     if not path.is_file():
         raise ScenarioError(f"law.file = {choice.file} no longer exists: restore it, or name another file")
     text = _read(path)
-    if _checksum(text) != choice.checksum:
+    if _digest(text)[:CHECKED] != choice.checksum:
         raise ScenarioError(f"law.file = {choice.file} has changed since the run began: restore it, or start a new run")
     if not _is_trusted(text):
         raise ScenarioError(

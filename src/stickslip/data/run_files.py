@@ -297,15 +297,13 @@ def lock_folder(folder: Path) -> Iterator[None]:
     made = [path for path in (place, *place.parents) if not path.exists()]
     lock = FileLock(place / LOCK, timeout=0)
     try:
-        for last in (False,) * (TRIES - 1) + (
-            True,
-        ):  # another process may just be removing a folder that it had created
+        for left in reversed(range(TRIES)):
             try:
                 place.mkdir(parents=True, exist_ok=True)
                 lock.acquire()
                 break
-            except (FileNotFoundError, FileExistsError):
-                if last:
+            except (FileNotFoundError, FileExistsError):  # another process may be removing a folder that it created
+                if not left:
                     raise
     except Timeout:
         raise ValueError(
@@ -321,10 +319,8 @@ def lock_folder(folder: Path) -> Iterator[None]:
             write_atomically(place / HOLDER, json.dumps(note).encode())
         yield
     finally:
-        for name in (
-            HOLDER,
-            LOCK,
-        ):  # while locked: a process that opened the old file notices that it is gone, and retries
+        # while locked: a process that opened the old file notices that it is gone, and retries
+        for name in (HOLDER, LOCK):
             with suppress(OSError):
                 (place / name).unlink()
         lock.release()

@@ -43,6 +43,17 @@ def naming(path: str | Path) -> Iterator[None]:
         raise PackingError(f"{path}: {problem}") from None
 
 
+@contextmanager
+def refusing(text: Callable[[Exception], str] = str, *kinds: type[Exception]) -> Iterator[None]:
+    """Raise PackingError in place of ValueError and errors of further kinds; `text` makes its message from theirs."""
+    try:
+        yield
+    except PackingError:
+        raise
+    except (ValueError, *kinds) as problem:
+        raise PackingError(text(problem)) from None
+
+
 class Note(str):
     """A note on a packing; code decides by its class and its subject `about`, never by its wording."""
 
@@ -268,11 +279,9 @@ def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State
     force = 0.0 if force is None else _check_array("external_force", force, (n, 3))
     if i0 is not None:
         rest["i0"] = _check_array("i0", i0, () if np.ndim(i0) == 0 else (n,))
-    try:
+    with refusing():
         grains = (disks if dim == 2 else spheres)(position, radius, mass=mass, **rest)
         state = assembly(grains, cell=cell, control=loads(n, force=force))
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
     height, largest = grid_of(state.cell).height, 2 * float(state.grains.radius.max())
     for k in np.flatnonzero(state.cell.periodic):
         if height[k] < largest:
@@ -329,13 +338,11 @@ def law_by_name(
     for name in sorted(extra - {*needed}):
         raise PackingError(f"{law} has no parameter {name}: it has {', '.join((*PARAMETERS, *needed))}")
     model = {} if damping is None else {"damping": damping}
-    try:
+    with refusing(str, TypeError):
         if young is not None:
             kn, kt = elastic_constants(young, poisson)
         kn, kt = 1.0 if kn is None else kn, 2 / 7 if kt is None else kt
         return LAWS[law](kn, kt, mu, coulomb=coulomb, **model, **more)
-    except (TypeError, ValueError) as problem:
-        raise PackingError(str(problem)) from None
 
 
 def _check_array(name: str, value, shape: tuple, kind=float) -> np.ndarray:

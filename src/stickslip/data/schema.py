@@ -6,7 +6,7 @@ Dotted keys name the entries of tables: `law.mu`, or `legs.2.velocity` for the s
 import difflib
 import hashlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeVar, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -284,15 +284,8 @@ def validate_table(kind: type[Table], table: dict, place: str = "") -> Table:
         raise ScenarioError(error_message(problem, kind, place)) from None
 
 
-class Entry(NamedTuple):
-    """Definition of a key of a scenario."""
-
-    description: str | None
-    default: object
-
-
-def field_at(kind: type[BaseModel], key: str) -> Entry:
-    """Description and default of a dotted key, for a class of scenarios.
+def field_at(kind: type[BaseModel], key: str) -> tuple[str, str]:
+    """Text and unit in the description of a dotted key, for a class of scenarios.
 
     Raises
     ------
@@ -304,7 +297,7 @@ def field_at(kind: type[BaseModel], key: str) -> Entry:
         if part.isdigit() and above:
             continue
         if get_origin(annotation) is dict and k == len(parts) - 1:  # names that a user chooses
-            return Entry(f"{part} of {'.'.join(above)}", None)
+            return f"{part} of {'.'.join(above)}", ""
         if not tables:
             raise ScenarioError(f"sweep.{key}: {'.'.join(above)} is not a table and has no key {part!r}")
         field = next((table.model_fields[part] for table in tables if part in table.model_fields), None)
@@ -316,7 +309,7 @@ def field_at(kind: type[BaseModel], key: str) -> Entry:
             raise ScenarioError(f"sweep.{key} is a table: name one of its entries, as in {key}.NAME")
         if k == len(parts) - 1 and tables and not get_args(annotation):
             raise ScenarioError(f"sweep.{key} is a table: name one of its keys, {', '.join(tables[0].model_fields)}")
-    return Entry(field.description, field.default)
+    return split_unit(field.description)
 
 
 def with_value(tables: dict, key: str, value) -> dict:

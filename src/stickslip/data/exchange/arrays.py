@@ -15,20 +15,7 @@ import numpy as np
 
 from ...core import state as core
 from ...core.contacts.bonding import with_bonds
-from ...core.laws.builtin import (
-    DAMPING_N,
-    DAMPING_T,
-    KEEPS_FORCE,
-    KN,
-    KT,
-    LEVER,
-    MU,
-    NO_TENSION,
-    PARAMETERS,
-    ROLLING,
-    TWISTING,
-    Law,
-)
+from ...core.laws.builtin import KEEPS_FORCE, LEVER, NO_TENSION, PARAMETERS, ROLLING, TWISTING, Law
 from ...core.laws.kinds import Kind, own_memory
 from ...core.laws.properties import resists_rolling
 from ...core.readable import pluralize
@@ -37,9 +24,9 @@ from ...core.state import Bonds, State, check
 from ...core.units import current_units, units_from
 from ...extras import require
 from .. import archive
-from ..archive import restore_bonds, restore_contacts
+from ..archive import trimmed, with_fields
 from ..run_files import replace_atomically
-from ..sample import COLUMNS, Assumption, PackingError, account_for, law_by_name, repeated_note
+from ..sample import COLUMNS, Assumption, PackingError, account_for, law_by_name, naming, refusing, repeated_note
 from .columns import Packing, chosen_frames, extent_note, only_state, packing_of_columns
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, list_losses, without_walls, wrapped_into
 
@@ -87,11 +74,9 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     left = [f"the {feature} of the law" for part, feature in PROPERTIES.items() if law.properties & part]
     lost += left
     if len(law.table) == 1 and not own:
-        values = law.table[0, 0]
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
         arrays |= {"tension": False} if law.damping & NO_TENSION else {}
-        numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
-        arrays |= {name: values[column] for name, column in numbers.items()}
+        arrays |= dict(zip(PARAMETERS, law.table[0, 0], strict=True))
         assumed = [*frame.assumed, *(f"left out, as .npz does not store it: {text}" for text in left)]
         arrays |= {"assumed": assumed} if assumed else {}
     with replace_atomically(Path(path)) as part:
@@ -117,8 +102,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
             arrays = dict(zip(("x", "y", "z", "radius"), flat.T, strict=True))
         elif flat is not None:
             arrays = {name: flat[name] for name in flat.dtype.names or ()}
-        packing = packing_of_columns(arrays, path.name, path.stem)
-        return [packing._replace(notes=[*packing.notes, *notes])]
+        return [packing_of_columns(arrays, path.name, path.stem, notes)]
     arrays, given = check_arrays(path, arrays)
     del arrays["units"]
     notes = [repeated_note(text) for text in np.atleast_1d(arrays.pop("assumed", [])).tolist()]
@@ -133,11 +117,9 @@ def _bonding(path: Path, arrays: dict[str, np.ndarray]) -> Callable[[State], Sta
 
     def add_bonds(state: State) -> State:
         bonds = Bonds(**{name.removeprefix(BOND): values for name, values in arrays.items()})
-        try:
+        with naming(path), refusing():
             state._replace(bonds=bonds).check_entries()
             return with_bonds(state, bonds)
-        except ValueError as problem:
-            raise PackingError(f"{path}: {problem}") from None
 
     return add_bonds
 
@@ -177,10 +159,8 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
     dim = given.pop("dim", 3)
     if not isinstance(dim, int | float) or dim not in (2, 3):
         raise PackingError(f"{path}: dim must be 2 or 3, got {dim}")
-    try:
+    with naming(path), refusing():
         units = units_from(arrays[UNITS].tolist(), int(dim)) if UNITS in arrays else None
-    except ValueError as problem:
-        raise PackingError(f"{path}: {problem}") from None
     return arrays | {"dim": int(dim), UNITS: units}, given
 
 
@@ -317,14 +297,12 @@ def _state_chunks(frame: Frame) -> dict[str, np.ndarray]:
     """Chunks of the complete state: flattened arrays, with their shapes and the law as JSON."""
     if frame.moving:
         return {META: _json_chunk({"schema": GSD_SCHEMA, "moving": True})}
-    chunks, shapes, count = {}, {}, int(frame.state.contacts.count[0])
-    for noun in [noun for noun in NOUNS if getattr(frame.state, noun) is not None]:
-        for name, value in getattr(frame.state, noun)._asdict().items():
+    chunks, shapes, state = {}, {}, frame.state._replace(contacts=trimmed(frame.state.contacts))
+    for noun in [noun for noun in NOUNS if getattr(state, noun) is not None]:
+        for name, value in getattr(state, noun)._asdict().items():
             if value is None:
                 continue
             value = np.asarray(value)
-            if noun == "contacts" and name in core.PER_PAIR:
-                value = value[:count]
             shapes[f"{noun}/{name}"] = [value.dtype.str, list(value.shape)]
             if value.size:
                 flat = np.ascontiguousarray(value).ravel()
@@ -427,14 +405,9 @@ def _read_frame(path, file, number: int) -> Packing:
                     raise ValueError(f"{place} has type {dtype}")
                 filled = np.prod(shape, dtype=int)
                 flat = file.file.read_chunk(number, PREFIX + place).astype(dtype) if filled else np.zeros(0, dtype)
-                fields[name] = flat.reshape(shape)
+                fields[name] = flat.reshape(shape) if shape else flat.item()
         if fields:  # only runs with dashpots store forces
-            maker = {"contacts": restore_contacts, "bonds": restore_bonds}.get(noun)
-            parts[noun] = maker(fields) if maker else kind(**fields)
-    parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
-    parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
-    if "instant" in parts:
-        parts["instant"] = parts["instant"]._replace(mark=int(parts["instant"].mark))
+            parts[noun] = with_fields(kind, fields)
     state = State(**parts, time=float(meta["time"]))
     check(state)
     notes = [repeated_note(text) for text in meta.get("assumed", ())]

@@ -15,7 +15,7 @@ from ...core.contacts.bonding import bonded
 from ...core.laws.bonds import BY_BEAM, UNBREAKABLE, beam_bond, coefficients, parallel_bond
 from ...core.readable import pluralize
 from ...core.state import State
-from ..sample import Assumption, PackingError
+from ..sample import Assumption, PackingError, naming, refusing
 from .columns import HEAD, head_text, plain_name, read_content
 from .force_lists import ALIASES
 from .table_file import names_of, read_columns
@@ -71,10 +71,8 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
     pairs, counted = _numbers(path, known, len(state.grains.radius), of_pfc)
     there = known["pb_state"] > 0 if "pb_state" in known else np.ones(len(pairs), bool)
     known, pairs = {name: values[there] for name, values in known.items()}, pairs[there]
-    try:
+    with naming(path), refusing():
         made = bonded(state, beam_bond(1.0, 1.0, 1.0, 1.0), pairs=pairs)
-    except ValueError as problem:
-        raise PackingError(f"{path}: {problem}") from None
     old = 0 if state.bonds is None else len(state.bonds.i)
     if of_pfc:
         stiffness, strength, arm = _parallel(made, known, old)

@@ -22,13 +22,14 @@ from ...core.reading import Budget, read_bytes
 from ...core.state import State
 from ...core.text import decode_text, has_wide_letters
 from ...known import HARMLESS, USED
-from ..sample import COLUMNS, Absent, Assumption, Obstacle, PackingError, accepted, account_for, from_arrays
+from ..sample import COLUMNS, Absent, Assumption, Obstacle, PackingError, accepted, account_for, from_arrays, refusing
 
 HEAD = 2**14  # number of bytes at the beginning of a file that identify its format
 FEW_DIGITS, SAMPLED = 9, 3000  # largest number of digits that counts as few, and number of words examined
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 MOST_DIGITS = 12  # largest number of digits in a number of grains
 LONGEST_LINE = 60  # length of lines quoted in messages [characters]
+DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)  # errors of compressed files
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
 
@@ -99,12 +100,8 @@ def read_content(path: Path, size: int = -1) -> bytes:
     try:
         with opener(path, "rb") as file:
             content = file.read(size) if size >= 0 else budget.expand(file)
-    except (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile) as problem:
-        raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
-    except PackingError:
-        raise
     except Exception as problem:
-        if type(problem).__name__ != "ZstdError":
+        if not isinstance(problem, DAMAGED) and type(problem).__name__ != "ZstdError":
             raise
         raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
     if not content:
@@ -113,10 +110,8 @@ def read_content(path: Path, size: int = -1) -> bytes:
 
 
 def _read(path: Path, size: int = -1) -> bytes:
-    try:
+    with refusing():
         return read_bytes(path, remedy="give a file of a packing", size=size)
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
 
 
 def is_compressed(path: Path) -> bool:
@@ -124,16 +119,11 @@ def is_compressed(path: Path) -> bool:
     return _read(path, 6).startswith(tuple(COMPRESSED))
 
 
-def read_lines(
-    path: Path,
-    remedy: str = "give a text file, or a binary one that is listed in `stickslip docs exchange`",
-    fallback: str | None = None,
-) -> str:
+def read_lines(path: Path, fallback: str | None = None) -> str:
     """Text of a file, in UTF-8 or another encoding; raise PackingError if it is binary or ends within a line."""
-    try:
+    remedy = "give a text file, or a binary one that is listed in `stickslip docs exchange`"
+    with refusing():
         text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
     if text and not text.endswith("\n"):  # a truncated number would be read as a number
         raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no newline")
     return text
@@ -169,6 +159,12 @@ def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
         some = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
         raise PackingError(f"{path} has no frame {frame!r}: it has {some}")
     return [len(names) - 1 if frame is None else names.index(frame)]
+
+
+def choice_note(path: Path, names: list[str], frame: str | None, what: str) -> list[str]:
+    """Note that the last of several states is used, if none was chosen; `what` is the word for them."""
+    last = f"{path.name} has {len(names)} {what}: the last, {names[-1]}, is used; choose another with --frame"
+    return [last] if frame is None and len(names) > 1 else []
 
 
 def split_frames(
@@ -251,9 +247,8 @@ def names_by_content(rows: np.ndarray) -> list[str] | None:
     if width == 5:
         return ["id", "x", "y", "z", "radius"] if counts else None
     if width == 4:
-        return (
-            ["id", "x", "y", "radius"] if counts and np.ptp(rows[:, 1:3], axis=0).all() else ["x", "y", "z", "radius"]
-        )
+        spread = counts and np.ptp(rows[:, 1:3], axis=0).all()
+        return ["id", "x", "y", "radius"] if spread else ["x", "y", "z", "radius"]
     if width == 6 and (rows[:, :2] == np.round(rows[:, :2])).all() and np.isin(rows[:, 5], (-1, 0, 1)).all():
         return ["frame", "id", "x", "y", "radius", "edge"]
     size = width // 2 - 1  # the first column of radius and density
@@ -299,8 +294,10 @@ def _find_vector(plain: dict[str, np.ndarray], prefixes) -> tuple[np.ndarray | N
     return None, []
 
 
-def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = "", **more) -> Packing:
-    """Packing from columns; `what` names the file, and `more` holds further entries of `Packing.arrays`.
+def packing_of_columns(
+    columns: dict[str, np.ndarray], what: str, name: str = "", further: Sequence[str] = (), **more
+) -> Packing:
+    """Packing from columns of a file named `what`, with further notes, and more entries of `Packing.arrays`.
 
     Raises
     ------
@@ -342,7 +339,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         notes.append(Assumption(f"{what} {why}: ids are ignored, and each row is treated as a grain", COLUMNS))
     ids, arrays, said = arrange_grains(what, known, more.get("dim", 3))
     types = arrays.pop("types", None)
-    notes += [*said, *_notes_on_columns(what, columns, rest)]
+    notes += [*said, *_notes_on_columns(what, columns, rest), *further]
     return Packing(name, arrays | more, notes, ids=ids, types=types)
 
 

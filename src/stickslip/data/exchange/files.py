@@ -36,6 +36,7 @@ from ..sample import (
     law_text,
     naming,
     notes_about,
+    refusing,
     with_one_account,
 )
 from .arrays import (
@@ -85,7 +86,7 @@ FORMATS = (
     Format("LAMMPS restart", _here("lammps_restart.recognize"), _here("lammps_restart.read")),
     Format("part of a LAMMPS restart", _here("lammps_restart.recognize_part"), _here("lammps_restart.read")),
     Format("LAMMPS dump", _here("lammps_file.recognize_dump"), _here("lammps_file.read_grain_dump"), of_lammps=True),
-    Format("LAMMPS data", _here("lammps_file.recognize_data"), _here("lammps_file.read_data_file"), of_lammps=True),
+    Format("LAMMPS data", _here("lammps_file.recognize_data"), _here("lammps_text.read_data_file"), of_lammps=True),
     Format("VTK", _here("vtk_file.recognize"), _here("vtk_file.read")),
     Format("extended XYZ", _here("table_file.recognize_xyz"), _here("table_file.read_xyz")),
     Format("MercuryDPM .data", _here("table_file.recognize_mercury"), _here("table_file.read_mercury")),
@@ -225,43 +226,35 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
         if contacts and packing.law is None and not given and file_law is None:
             unused = Absent(f"the memory of contacts in {contacts.name} needs the law: give {', '.join(LAW_OPTIONS)}")
             packing, contacts = packing._replace(notes=[*packing.notes, unused]), None
-        return [_build(path, packing, given, file_law, i0, _LocalContacts(contacts, None))]
+        return [_build(path, packing, given, file_law, i0, contacts)]
     form = find_format(path)
     if of_lammps and not form.of_lammps:
         raise PackingError(
             f"{', '.join(of_lammps)} does not apply to {path.name} ({form.name}): this option is for LAMMPS data and "
             "dump files, or for a table of grains together with a table of contacts with columns i j fn ft"
         )
-    local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
-    if local.path is not None and "boundary" not in of_lammps:
+    contacts, columns = of_lammps.pop("contacts", None), of_lammps.pop("columns", None)
+    if contacts is not None and not Path(contacts).is_file():
+        raise PackingError(f"{contacts} is not a file: give the contacts that LAMMPS's `dump local` wrote")
+    if contacts is not None and "boundary" not in of_lammps:
         from .lammps_file import read_boundary
 
-        of_lammps["boundary"] = read_boundary(local.path)
-    return [_build(path, packing, given, file_law, i0, local) for packing in form.read(path, frame, **of_lammps)]
+        of_lammps["boundary"] = read_boundary(Path(contacts))
+    packings = form.read(path, frame, **of_lammps)
+    return [_build(path, packing, given, file_law, i0, contacts, columns) for packing in packings]
 
 
-class _LocalContacts(NamedTuple):
-    """A `dump local` of contacts, and the names of its columns."""
-
-    file: str | Path | None
-    columns: str | None
-
-    @property
-    def path(self) -> Path | None:
-        """Path of the file; raise PackingError if it does not exist."""
-        if self.file is not None and not Path(self.file).is_file():
-            raise PackingError(f"{self.file} is not a file: give the contacts that LAMMPS's `dump local` wrote")
-        return None if self.file is None else Path(self.file)
-
-
-def _build(path: Path, packing: Packing, given: dict, own: Law | None, i0: float | None, local: _LocalContacts):
-    """Name, state, law and notes of a packing under the given options.
+def _build(
+    path: Path, packing: Packing, given: dict, own: Law | None, i0: float | None,
+    contacts: str | Path | None, columns: str | None = None,
+):  # fmt: skip
+    """Name, state, law and notes of a packing under the given options, and with the contacts of a `dump local`.
 
     Memory is unchanged if the law stays the same; otherwise slip is truncated at the limit of the new law.
     """
     its, notes = packing.law, packing.notes
     with naming(path):
-        law = chosen_law(packing, given, own, memory=local.path is not None)
+        law = chosen_law(packing, given, own, memory=contacts is not None)
     if own is not None or given:
         notes = [note for note in notes if note not in notes_about(notes, LAW)]
         if isinstance(its, Law) and not laws_equal(its, law):
@@ -273,10 +266,10 @@ def _build(path: Path, packing: Packing, given: dict, own: Law | None, i0: float
         several = f"one law is used for all grains, although they are of {packing.types.max() + 1} types"
         notes = [*notes, Absent(several)]
     pairs = None
-    if local.path is not None and packing.state is None:
+    if contacts is not None and packing.state is None:
         from .lammps_file import read_pairs
 
-        pairs = read_pairs(local.path, packing, local.columns)
+        pairs = read_pairs(Path(contacts), packing, columns)
     with naming(path):
         if packing.state is not None:
             same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
@@ -358,10 +351,8 @@ def separate_law(given: dict) -> tuple[dict, Law | None]:
     from ...core.laws.user import from_file
 
     values = {name: value for name, value in given.items() if name not in (*OPTIONS, *WHOLE)}
-    try:
+    with refusing():
         law = with_values(from_file(law) if is_file else law, **values, **more)
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
     rest = {name: value for name, value in given.items() if name not in values}
     lost = [name for name in WHOLE if name in rest]
     if lost:

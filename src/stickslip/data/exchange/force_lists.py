@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -46,13 +46,6 @@ ALIASES = {
 }  # fmt: skip
 PLAIN = {other: name for name, others in ALIASES.items() for other in others}
 VECTORS = ("f", "ft")  # total and tangential force on the first grain
-
-
-class Lists(NamedTuple):
-    """Content of two tables for one frame; names as in `measured_forces`."""
-
-    fields: dict[str, Any]  # arguments of `measured_forces`
-    notes: list[str]
 
 
 def is_table_of_forces(grains: Path, contacts: Path) -> bool:
@@ -101,8 +94,8 @@ def frames_of_lists(path: Path, contacts: Path) -> list[str]:
     return [f"{step:g}" for step in _common_frames(path, grains, contacts, forces, [])]
 
 
-def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
-    """Grains and contact forces of one frame, by default the last.
+def read_lists(path: Path, contacts: Path, frame: str | None = None) -> tuple[dict[str, Any], list[str]]:
+    """Grains and contact forces of one frame, by default the last, as arguments of `measured_forces`, and notes.
 
     Grains at walls are held: those that are fixed, at an edge, or in contact with a grain that has a negative number or
     no position. Contacts listed for both of their grains are averaged.
@@ -127,7 +120,7 @@ def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
         grains, forces = tables
     elif frame is not None:
         raise PackingError(f"frame {frame!r} does not apply, as {path.name} has no frame column: leave it out")
-    return _join(path, grains, contacts, forces, notes)
+    return _join(path, grains, contacts, forces, notes), notes
 
 
 def _grains_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -243,7 +236,7 @@ def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict, notes
     return frames[0] if frames else np.zeros(0)
 
 
-def _join(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> Lists:
+def _join(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> dict[str, Any]:
     """Network of the grains and contacts of one frame."""
     grains, lost = _place(path, grains, notes)
     packing = packing_of_columns(grains, path.name)
@@ -282,10 +275,10 @@ def _join(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[st
     network = _pressing(contacts, _average(contacts, forces, ends, position, ids, notes), ids, notes)
     network = _near(contacts, network, position, radius, notes)
     _note_doubts(contacts, network, notes)
-    return Lists(network | {
+    return network | {
         "position": position, "radius": radius, "held": np.flatnonzero(held), "ids": ids, "load": load,
         "position_error": grains.get("positionerror", np.nan),
-    }, notes)  # fmt: skip
+    }  # fmt: skip
 
 
 def _place(path: Path, grains: dict, notes: list[str]) -> tuple[dict[str, np.ndarray], np.ndarray]:

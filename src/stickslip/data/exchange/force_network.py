@@ -53,8 +53,7 @@ class MeasuredForces(NamedTuple):
             )
         if self.pair_i.dtype.kind not in "iu" or self.pair_j.dtype.kind not in "iu":
             raise PackingError("grain numbers of contacts must be whole numbers from 0")
-        _check_numbers(self)
-        _check_pairs(self)
+        _check_contacts(self)
 
     @property
     def dim(self) -> int:
@@ -120,8 +119,7 @@ def measured_forces(
         except (TypeError, ValueError, OverflowError):
             raise PackingError(f"{name} has shape {np.shape(value)}: numbers of shape {shape} are needed") from None
     network = MeasuredForces(**full, free=~np.isin(np.arange(n), held), notes=list(notes))
-    _check_numbers(network)
-    _check_pairs(network)
+    _check_contacts(network)
     if dim == 2:
         return network
     normal = unit_branches(network)
@@ -134,8 +132,8 @@ def unit_branches(m: MeasuredForces) -> np.ndarray:
     return branch / np.linalg.norm(branch, axis=1, keepdims=True)
 
 
-def _check_numbers(m: MeasuredForces) -> None:
-    """Raise PackingError if there are no contacts or no grains, or if a number is impossible."""
+def _check_contacts(m: MeasuredForces) -> None:
+    """Raise PackingError without contacts, and for impossible numbers or contacts: twice, pulling, or far apart."""
     n = len(m.radius)
     if not len(m.pair_i):
         raise PackingError(f"measured contact forces are missing: give {' '.join(NEEDED)}")
@@ -149,12 +147,8 @@ def _check_numbers(m: MeasuredForces) -> None:
             raise PackingError(f"{name} must be positive, got {getattr(m, name).min():g}")
     if not m.force_n.any():
         raise PackingError("all normal forces are zero: nothing presses the grains together")
-
-
-def _check_pairs(m: MeasuredForces) -> None:
-    """Raise PackingError for a contact that is listed twice, pulls, or joins grains far apart."""
     low, high = np.sort(m.ends, axis=0)
-    _, first = np.unique(low * len(m.radius) + high, return_index=True)
+    _, first = np.unique(low * n + high, return_index=True)
     again = np.ones(len(low), bool)
     again[first] = False
     share, size = _gaps(m), m.radius[m.ends].min(axis=0)

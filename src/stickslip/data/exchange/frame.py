@@ -144,17 +144,6 @@ def law_from_dict(about: dict) -> Law:
     return Law(kind, COULOMB[about["coulomb"]], table, damping, about.get("properties", 0))
 
 
-def lower_triangular_vectors(state: State, name: str) -> np.ndarray:
-    """(3, 3) box vectors, the first along x and the second in the x–y plane, as most formats require."""
-    vectors = state.cell.vectors
-    if np.triu(vectors, 1).any() or not (np.diag(vectors) > 0).all():
-        raise PackingError(
-            f"{name} requires the first box vector along x and the second in the x-y plane, which this cell does not "
-            f"satisfy: write .npz, .h5 or .vtu"
-        )
-    return vectors
-
-
 def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Vectors and corner of a box with all grains: the cell along periodic directions, just large enough along others.
 
@@ -165,7 +154,12 @@ def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
     grains, cell = state.grains, state.cell
     vectors, corner = np.diag([1.0, 1.0, 1.0]), np.zeros(3)
     if cell.periodic.any():
-        vectors = np.where(cell.periodic[:, None], lower_triangular_vectors(state, name), 0.0)
+        if np.triu(cell.vectors, 1).any() or not (np.diag(cell.vectors) > 0).all():
+            raise PackingError(
+                f"{name} requires the first box vector along x and the second in the x-y plane, which this cell does "
+                "not satisfy: write .npz, .h5 or .vtu"
+            )
+        vectors = np.where(cell.periodic[:, None], cell.vectors, 0.0)
     low = (grains.position - grains.radius[:, None]).min(axis=0)
     high = (grains.position + grains.radius[:, None]).max(axis=0)
     for k in np.flatnonzero(~cell.periodic):
@@ -179,21 +173,20 @@ def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.nd
     share = (position - corner) @ np.linalg.inv(vectors)
     image = np.where(periodic, np.floor(share), 0.0)
     inside = position - image @ vectors
-    image = image.astype(np.int64)
-    return inside, image
+    return inside, image.astype(np.int64)
 
 
-def list_losses(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
+def list_losses(frame: Frame, *, law: bool = True) -> list[str]:
     """List data that a format does not store: walls, the law, and anything in `Control` other than free grains."""
     state, losses = frame.state, []
     control, n = state.control, len(state.grains.radius)
-    if walls and len(state.walls.mass):
+    if len(state.walls.mass):
         losses.append(f"{len(state.walls.mass)} wall(s)")
     if law:
         losses.append("the contact law")
     acts = control.force.any() or control.torque.any() or control.gravity.any() or control.spring.any()
     held = not control.free[:n, : state.cell.dim].all() or control.cell_free.any() or control.cell_rate.any()
-    if imposed and (acts or held or (control.group >= 0).any()):
+    if acts or held or (control.group >= 0).any():
         losses.append("loads and boundary conditions")
     return losses
 
@@ -387,8 +380,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
         arrays = {}
         for name, value in parts.items():
             rows = value.tocsr() if _is_sparse(value) else None
-            each = {name: value} if rows is None else {f"{name}.{part}": getattr(rows, part) for part in PARTS}
-            arrays |= each
+            arrays |= {name: value} if rows is None else {f"{name}.{part}": getattr(rows, part) for part in PARTS}
         with replace_atomically(path) as part, part.open("wb") as file:
             np.savez_compressed(file, **arrays)
         return paths
@@ -397,7 +389,10 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     path.mkdir(exist_ok=True)
     for one, value in zip(paths, parts.values(), strict=True):
         with replace_atomically(one) as part, part.open("wb") as file:
-            mmwrite(file, value if _is_sparse(value) else _table(value), precision=17, symmetry="general")
+            if not _is_sparse(value):  # in two dimensions, with truth values as 0 and 1
+                value = value.astype(np.int64) if value.dtype.kind in "bu" else value
+                value = value.reshape(len(value) if value.ndim else 1, -1)
+            mmwrite(file, value, precision=17, symmetry="general")
     return paths
 
 
@@ -437,9 +432,3 @@ def _parts_of(sources) -> dict:
 
 def _is_sparse(value) -> bool:
     return hasattr(value, "tocsr")
-
-
-def _table(value: np.ndarray) -> np.ndarray:
-    """Array in two dimensions; truth values as 0 and 1."""
-    value = value.astype(np.int64) if value.dtype.kind in "bu" else value
-    return value.reshape(len(value) if value.ndim else 1, -1)

@@ -25,6 +25,7 @@ from ...core.text import parse_number
 from ...known import BONDED, HARMLESS, UNKNOWN, find_row, group_of, plain_style
 from ..sample import BONDS, Assumption, Obstacle, PackingError
 from .columns import ListedBonds, Packing
+from .lammps_commands import types_in
 
 YES = {"yes": True, "on": True, "true": True, "no": False, "off": False, "false": False}
 STORED = ("id1", "id2", "time", "x", "y", "z", "x/ref", "y/ref", "z/ref")  # quantities that `store/local` may write
@@ -108,7 +109,8 @@ def format_bonds(state: State) -> FormattedBonds:
     for style in dict.fromkeys(style for style, *_ in laws):
         fades = [bonds.fading[k] > 0 for k, law in zip(rows, laws, strict=True) if law[0] == style and limited[k]]
         unfading += 0 if all(fades) else sum(fades)
-        more = f" overlay/pair yes break {_yes(breaks)} smooth {_yes(bool(fades) and all(fades))}"
+        fade = "yes" if fades and all(fades) else "no"
+        more = f" overlay/pair yes break {'yes' if breaks else 'no'} smooth {fade}"
         options[style] = more if style.startswith("bpm/") else ""
     one = len(options) == 1
     named = " ".join(style + more for style, more in options.items())
@@ -157,10 +159,6 @@ def _bond_coefficients(bonds: Bonds, k: int, *, harmonic: bool) -> tuple:
     tension, shear, bending, twisting = [UNBREAKABLE] * 4 if bonds.form[k] == BY_BEAM else strength
     limits = tension, shear, twisting, bending
     return "bpm/rotational", *stiffness[:2], stiffness[3], stiffness[2], *limits, *damping
-
-
-def _yes(true: bool) -> str:
-    return "yes" if true else "no"
 
 
 class Commands(NamedTuple):
@@ -274,7 +272,8 @@ def laws_of_bonds(told: Commands, listed: ListedBonds) -> tuple[list[tuple], lis
 
 def _law_of(told: Commands, labels: dict[str, str], kind: int) -> tuple[str, Bond | None, float | None]:
     """Style of the bonds of one type, their law (None without force), and the rest length if the law has one."""
-    given = [words[1:] for words in told.coefficients if words and _means(labels.get(words[0], words[0]), kind)]
+    named = [(labels.get(words[0], words[0]), words[1:]) for words in told.coefficients if words]
+    given = [words for word, words in named if kind in types_in(word, kind, "the type {} of a bond_coeff")]
     style, options = told.style[0], told.style[1:]
     if style == "hybrid" and given:
         style = plain_style(given[-1][0])
@@ -298,15 +297,6 @@ def _law_of(told: Commands, labels: dict[str, str], kind: int) -> tuple[str, Bon
             raise ValueError("springs of length 0 at rest are not supported")
         return style, spring_bond(2 * k) if k else None, length
     return style, _bpm(style, options, numbers), None
-
-
-def _means(word: str, kind: int) -> bool:
-    """Return True if a word such as 1, *, 2* or 1*3 includes a type."""
-    low, star, high = word.partition("*")
-    if not (low + high).isdecimal() and low + high:
-        raise ValueError(f"the type {word} of a bond_coeff is neither a number nor a label in a labelmap")
-    first = int(low or 1)
-    return first <= kind <= (int(high or kind) if star else first)
 
 
 def _parts(words: list[str], given: set[str]) -> dict[str, list[str]]:

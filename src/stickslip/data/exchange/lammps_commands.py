@@ -160,17 +160,9 @@ def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str])
 
 LONGEST_LINE = 4096  # largest number of characters that the values of variables add to a line
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
-QUOTED = re.compile(
-    r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL
-)  # commands in which LAMMPS does not replace variables
-INSERTING = (
-    "pour",
-    "deposit",
-    "evaporate",
-    "gcmc",
-    "append/atoms",
-    "bond/react",
-)  # fixes that change the number of grains
+QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
+# fixes that change the number of grains
+INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react")
 RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that change the number of grains
 COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
@@ -238,9 +230,7 @@ class Run(NamedTuple):
     regions: dict[str, Region]
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
     unknown: list[str]  # commands with an outcome, or with variables, that cannot be known here
-    acts: dict[
-        str, str
-    ]  # sentences on unread commands that may exert or change forces; a later one replaces one with the same key
+    acts: dict[str, str]  # sentences on unread commands that may exert or change forces, by key; the last one counts
     places: dict[str, str]  # file and line of each fix, by id, and of the pair style
     met: dict[str, set[str]]  # first words of commands, by their group
     labels: dict[str, int]  # types of atoms by their labels
@@ -545,6 +535,15 @@ def _define_dump(run: Run, key: str, rest: list[str]) -> None:
         command = " ".join([key, *rest[: at // 2]])
         dump = Dump(command, rest[at], rest[at + 1 :], _selection(command), {})
         run.dumps[name or rest[at]] = dump if name else dump.modified(key, rest[at + 1 :])
+
+
+def types_in(word: str, most: int, what: str = "the type {}") -> range:
+    """Types up to `most` in a word such as 1, *, 2* or 1*3; ValueError, about `what`, for other words."""
+    low, star, high = word.partition("*")
+    if not (low + high).isdecimal() and low + high:
+        raise ValueError(f"{what.format(word)} is neither a number nor a label in a labelmap")
+    first = int(low or 1)
+    return range(first, min(int(high or most) if star else first, most) + 1)
 
 
 def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray | None, n: int) -> np.ndarray | None:

@@ -1,7 +1,7 @@
 """Effects of the commands of a LAMMPS run: laws of pairs of types, walls, loads, held grains, and omissions."""
 
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -16,11 +16,11 @@ from ...core.readable import pluralize
 from ...core.state import State, empty_contacts, flat_walls, loads
 from ...core.text import parse_number
 from ...known import BETWEEN, BONDED, HARMLESS, UNKNOWN, USED, find_row, plain_style
-from ..sample import LAW, Absent, Assumption, Obstacle, PackingError, from_arrays
+from ..sample import LAW, Absent, Assumption, Obstacle, PackingError, from_arrays, refusing
 from . import lammps_restart
 from .columns import Packing
 from .lammps_bonds import laws_of_bonds, note_on_contacts, notes_on_rest, replay
-from .lammps_commands import Run, group_members, numbers_in
+from .lammps_commands import Run, group_members, numbers_in, types_in
 from .lammps_laws import (
     HISTORY,
     LIMITED,
@@ -132,8 +132,8 @@ def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> N
     axis = "xyz".index(kind[0])
     for word, side in zip(rest, (1.0, -1.0), strict=True):
         if word != "NULL":
-            _add_wall(course, name, Plane(side * _finite(word), side * np.eye(3)[axis], number))
-            _add_wall_law(course, contact, arguments)
+            wall = Plane(side * _finite(word), side * np.eye(3)[axis], number)
+            _add_wall(course, name, wall, contact, arguments[0])
 
 
 def _wall_law(course: Course, arguments: list[str]) -> tuple[Contact, list[str]]:
@@ -148,17 +148,25 @@ def _wall_law(course: Course, arguments: list[str]) -> tuple[Contact, list[str]]
     return wall_contact(style, arguments)
 
 
-def _add_wall(course: Course, name: str, wall: Plane) -> None:
-    """Add a wall, and note grains behind it, which would be inside the wall here."""
-    position, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
-    course.push(wall.overlap(position, radius) > 0)
-    course.walls.append(wall)
+def _add_wall(course: Course, name: str, wall: Plane, contact: Contact, style: str) -> None:
+    """Add a wall and its law for all types, and note grains behind it, which would be inside the wall here."""
+    position, radius, year = course.packing.arrays["position"], course.packing.arrays["radius"], course.run.year
+    overlap = wall.overlap(position, radius)
+    touches, classic = overlap > 0, year == 0 or 2022 <= year <= 2025
+    course.push(touches)
     behind = int((position @ wall.normal < wall.height).sum())
     if behind:
         course.obstacle(
             f"{pluralize(behind, 'grain')} behind the wall of fix {name}: LAMMPS pushes them to the other side or not "
             "at all, but here walls are solid behind their surface"
         )
+    if plain_style(style) == "hooke/history" and classic and touches.any():
+        # LAMMPS multiplies its k_t by the contact radius √(δ R), here at its mean
+        wall = wall._replace(scale=float(np.sqrt(overlap[touches] * radius[touches]).mean()))
+        values = contact.values | {"kt": contact.values["kt"] * wall.scale}
+        contact = contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
+    course.walls.append(wall)
+    course.contacts |= {(a, course.kinds + len(course.walls) - 1): contact for a in range(course.kinds)}
 
 
 def _finite(word: str) -> float:
@@ -168,20 +176,6 @@ def _finite(word: str) -> float:
     if not np.isfinite(value := parse_number(word)):
         raise ValueError(f"{word} is not a finite number")
     return value
-
-
-def _add_wall_law(course: Course, contact: Contact, arguments: list[str]) -> None:
-    """Law between the newest wall and all types."""
-    own, radius, year = contact, course.packing.arrays["radius"], course.run.year
-    overlap = course.walls[-1].overlap(course.packing.arrays["position"], radius)
-    touches, classic = overlap > 0, year == 0 or 2022 <= year <= 2025
-    if plain_style(arguments[0]) == "hooke/history" and classic and touches.any():
-        # LAMMPS multiplies its k_t by the contact radius √(δ R), here at its mean
-        scale = float(np.sqrt(overlap[touches] * radius[touches]).mean())
-        course.walls[-1] = course.walls[-1]._replace(scale=scale)
-        values = contact.values | {"kt": contact.values["kt"] * scale}
-        own = contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
-    course.contacts |= {(a, course.kinds + len(course.walls) - 1): own for a in range(course.kinds)}
 
 
 OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # of regions, and their numbers of arguments
@@ -213,17 +207,15 @@ def _take_region(course: Course, name: str, group: str, arguments: list[str]) ->
         walls = [Plane(float(point @ normal), normal, number)]
     else:
         ends = zip(words[:6], (-np.inf, np.inf) * 3, strict=True)
-        bounds = (
-            np.array([end if word == "INF" else _finite(word) for word, end in ends]).reshape(3, 2) * scale[:, None]
-        )
+        numbers = [end if word == "INF" else _finite(word) for word, end in ends]
+        bounds = np.array(numbers).reshape(3, 2) * scale[:, None]
         if outside and "open" in given:
             raise ValueError("a block with open faces and grains outside is not supported")
         walls = (
             [_touched_face(course, bounds, number)] if outside else _inner_faces(bounds, given.get("open", ()), number)
         )
     for wall in walls:
-        _add_wall(course, name, wall)
-        _add_wall_law(course, contact, arguments)
+        _add_wall(course, name, wall, contact, arguments[0])
 
 
 def _inner_faces(bounds: np.ndarray, left_open: Sequence[str], number: int) -> list[Plane]:
@@ -382,9 +374,9 @@ def take_over(course: Course) -> None:
     _take_pairs(course)
     for name, (group, style, *_) in run.fixes.items():
         if style in MOVERS:
-            _try(course, name, lambda group=group, style=style: _take_mover(course, group, style))
+            _try(course, name, _take_mover, group, style)
     for name, (group, style, *arguments) in sorted(run.fixes.items(), key=lambda fix: fix[1][1] in CENTRED):
-        _try(course, name, lambda *given: _take_fix(course, *given), name, style, group, arguments)
+        _try(course, name, _take_fix, name, style, group, arguments)
     _hold_the_rest(course)
     _finish_law(course)
 
@@ -393,7 +385,7 @@ def _try(course: Course, name: str, take, *given) -> None:
     """Import a fix, or note why this is impossible."""
     group, style, *_ = course.run.fixes[name]
     try:
-        take(*given)
+        take(course, *given)
         return
     except RecursionError:
         why = f"group {group} is composed of too many others"
@@ -517,8 +509,7 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
         raise ValueError(f"it multiplies forces by factors ({' '.join(factors)}), but only factors of 1 are supported")
     acting: dict[tuple[int, int], dict[str, list[str]]] = {}
     for first, second, part, *rest in course.run.pair_coeff:
-        ends = {(min(a, b), max(a, b)) for a in _types(course, first) for b in _types(course, second)}
-        for pair in ends:
+        for pair in set(_pairs(course, first, second)):
             others = acting.get(pair, {}) if style != "hybrid" and part != "none" else {}
             acting[pair] = others | {plain_style(part): rest}
     for pair, own in acting.items():
@@ -592,22 +583,17 @@ def _take_coefficients(course: Course) -> None:
         lines = {("1", "1"): next(iter(lines.values()))}
     given = {}
     for (first, second), arguments in lines.items():
-        ends = [(a, b) for a in _types(course, first) for b in _types(course, second)]
-        given |= {(min(pair), max(pair)): arguments for pair in ends}
+        given |= dict.fromkeys(_pairs(course, first, second), arguments)
     laws = {arguments: contact_of("granular", arguments)[0] for arguments in dict.fromkeys(given.values())}
     course.contacts |= {pair: laws[arguments] for pair, arguments in given.items()}
     course.stored += [number for arguments in laws for number in numbers_in(arguments)]
     _mix_the_rest(course)
 
 
-def _types(course: Course, word: str) -> range:
-    """Types, from 0, selected by a word such as 1, *, 2* or 1*3, or by a label."""
-    (word,), kinds = course.run.numbers([word]), course.kinds
-    low, star, high = word.partition("*")
-    if not (low + high).isdecimal() and low + high:
-        raise ValueError(f"the type {word} is neither a number nor a label in a labelmap")
-    first = int(low or 1)
-    return range(first - 1, min(int(high or kinds) if star else first, kinds))
+def _pairs(course: Course, first: str, second: str) -> list[tuple[int, int]]:
+    """Pairs of types, from 0, selected by two words such as 1, *, 2* or 1*3, or by labels."""
+    ends = [types_in(word, course.kinds) for word in course.run.numbers([first, second])]
+    return [(min(pair) - 1, max(pair) - 1) for pair in product(*ends)]
 
 
 def _finish_law(course: Course) -> None:
@@ -651,11 +637,9 @@ def setting(course: Course):
     """Function that adds the walls and loads of a run to a state."""
 
     def put(state: State) -> State:
-        try:
+        with refusing():
             for part in course.bonds:
                 state = bonded_at_rest(state, *part)
-        except ValueError as problem:
-            raise PackingError(str(problem)) from None
         if not (course.walls or not course.free.all() or course.gravity.any() or course.force.any()):
             return state
         count = len(course.walls)

@@ -14,7 +14,7 @@ Source: LAMMPS documentation of `pair_style gran` and `compute pair/local`; doi:
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,8 +28,8 @@ from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
 from ...known import UNKNOWN, USED, group_of
 from ..sample import HUGE, Assumption, MemoryNote, PackingError, PackingWarning, accepted, account_for
-from .columns import ALL_DIGITS, HEAD, Packing, head_text, only_state, placed_state, read_content
-from .lammps_text import FORCE, ORDER, Table, add_box, grains_from_dump, read_data, read_dump
+from .columns import ALL_DIGITS, HEAD, Packing, choice_note, head_text, placed_state, read_content
+from .lammps_text import FORCE, ORDER, Table, packing_from_table, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
 ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
@@ -77,42 +77,10 @@ def read_grain_dump(
             f"{path} is a dump of contacts, with columns {' '.join(tables[-1].columns)}: give the grains, a dump of "
             f"atoms or a data file, and this file as --contacts"
         )
-    many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
-    said = many if frame is None and len(steps) > 1 else []
+    said = choice_note(path, [*map(str, steps)], frame, "time steps")
     own = {new: name for new, name in (names or {}).items() if group_of("column of a dump", name) == USED}
     tables = [t._replace(columns={own.get(name, name): words for name, words in t.columns.items()}) for t in tables]
     return [packing_from_table(table, path, boundary, said) for table in tables]
-
-
-def read_data_file(path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None):
-    """Read the packing of a data file.
-
-    Parameters
-    ----------
-    boundary : three letters as in LAMMPS, such as ppf; all directions are periodic by default
-    atom_style : style of the atoms if the section Atoms does not name it
-    """
-    ids, arrays, box, notes = read_data(path, atom_style)
-    only_state(path, frame)
-    return [_finish_packing(box, ids, arrays, boundary, notes)]
-
-
-def packing_from_table(table: Table, path: Path, boundary: str | None = None, said: Sequence[str] = ()) -> Packing:
-    """Packing from one time step of a dump of grains; `said` are notes on the file."""
-    ids, arrays, notes = grains_from_dump(table, path)
-    return _finish_packing(table, ids, arrays, boundary, [*notes, *said])
-
-
-def _finish_packing(
-    table: Table, ids: np.ndarray | None, arrays: dict, boundary: str | None, notes: list[str]
-) -> Packing:
-    """Packing with its cell, periodic flags and dimension."""
-    types, force, labels = arrays.pop("types", None), arrays.pop("force", None), arrays.pop("labels", {})
-    bonds, setting = arrays.pop("bonds", None), arrays.pop("setting", None)
-    arrays, notes = add_box(table, arrays, boundary, notes)
-    return Packing(
-        str(table.step), arrays, notes, table.step, ids, types, force, setting=setting, labels=labels, bonds=bonds
-    )
 
 
 def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pairs:
@@ -178,11 +146,9 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
             )
         names = given
     elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names):
-        names = (
-            name_contact_columns(_finite_numbers(table, path, *names), packing, path)
-            if table.columns[names[0]]
-            else ORDER[: len(names)]
-        )
+        rows = len(table.columns[names[0]])
+        values = _finite_numbers(table, path, *names)
+        names = name_contact_columns(values, packing, path) if rows else ORDER[: len(names)]
     names = [ALIASES.get(name, name) for name in names]
     names = [f"{name}{k}" if name == SKIPPED else name for k, name in enumerate(names)]
     if "periodic" in names and "tx" not in names:  # LIGGGHTS's pair/gran/local
@@ -254,15 +220,13 @@ def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: 
     tangential, length = pairs.tangential[entries], np.linalg.norm(branch, axis=1)
     along = np.abs(np.einsum("ck,ck->c", tangential, branch)) / length
     slack = 0.0 if pairs.normal is None else NEGLIGIBLE * np.linalg.norm(pairs.normal[entries], axis=1).sum()
-    wrong = [] if along.sum() <= OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() + slack else ["tx ty tz"]
-    if (
-        pairs.branch is not None
-        and np.abs(sign[:, None] * pairs.branch[entries] - branch).sum() > OTHER_LAW * length.sum()
-    ):
-        wrong.append("dx dy dz")
-    if pairs.distance is not None and np.abs(pairs.distance[entries] - length).sum() > OTHER_LAW * length.sum():
-        wrong.append("dist")
-    if wrong:
+    most = OTHER_LAW * length.sum()
+    checks = {
+        "tx ty tz": along.sum() > OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() + slack,
+        "dx dy dz": pairs.branch is not None and np.abs(sign[:, None] * pairs.branch[entries] - branch).sum() > most,
+        "dist": pairs.distance is not None and np.abs(pairs.distance[entries] - length).sum() > most,
+    }
+    if wrong := [name for name, is_wrong in checks.items() if is_wrong]:
         raise PackingError(
             f"the columns {' and '.join(wrong)} of the contacts do not agree with the positions of the grains: name "
             "all columns in their order with --columns"
@@ -332,9 +296,8 @@ def complete_law_options(given: dict) -> dict:
 
 def read_boundary(contacts: Path) -> str | None:
     """Read the boundaries of the box from the header of a dump; a data file does not contain them."""
-    head = re.search(
-        r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", head_text(read_content(contacts, HEAD))
-    )
+    text = head_text(read_content(contacts, HEAD))
+    head = re.search(r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", text)
     return None if head is None else "".join("p" if mark == "pp" else "f" for mark in head.groups())
 
 
@@ -391,7 +354,7 @@ def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 def group_hint(packing: Packing) -> str:
     """Sentence stating that gaps in the ids suggest the grains of a group; empty without gaps."""
-    ids = np.zeros(0, int) if packing.ids is None else packing.ids
+    ids = packing.ids
     if not len(ids) or ids[-1] == len(ids):
         return ""
     return f"the {len(ids)} grains have ids up to {ids[-1]}, as in the dump of a group: give a dump of all grains"
@@ -415,7 +378,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     """
     names, ids = [""] * values.shape[1], packing.ids
     ends = next((k for k in range(min(values.shape[1], MOST) - 1) if _are_pairs(values[:, k : k + 2], packing)), None)
-    if ends is None or ids is None:
+    if ends is None:
         raise PackingError(
             f"{path} has {values.shape[1]} unnamed columns, none of which contain ids of touching grains: "
             f"{group_hint(packing) or 'its grains are those of another time step or run, or name its columns'}"

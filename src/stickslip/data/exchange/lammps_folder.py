@@ -37,15 +37,8 @@ from .lammps_commands import (
     recognize_script,
 )
 from .lammps_course import Course, describe, setting, take_over, with_wall_numbers
-from .lammps_file import (
-    Pairs,
-    read_boundary,
-    read_data_file,
-    read_grain_dump,
-    read_pairs,
-    recognize_data,
-    recognize_dump,
-)
+from .lammps_file import Pairs, read_boundary, read_grain_dump, read_pairs, recognize_data, recognize_dump
+from .lammps_text import read_data_file
 
 LOOKED_AT = 50  # number of newest dumps whose last time step is read
 TAIL = 2**20  # size of the end of a dump that is first searched for its last time step [bytes]

@@ -10,6 +10,7 @@ the bits of doubles.
 import re
 import struct
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +27,7 @@ from ...core.measure import branch_vectors, contact_velocity, overlaps, touching
 from ...core.reading import Reader
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
 from ...known import UNKNOWN, USED, group_of, plain_style
-from ..sample import FIXES, PAIRS, Absent, Note, Obstacle, PackingError, account_for
+from ..sample import FIXES, PAIRS, Absent, Note, Obstacle, PackingError, account_for, refusing
 from .columns import HEAD, ListedBonds, Packing, only_state, read_content
 from .lammps_bonds import list_bonds, note_on_bonds
 from .lammps_laws import HISTORY as HISTORY_LAWS
@@ -51,13 +52,9 @@ AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact
 HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory of grains
 LONGEST_LIST, LONGEST_NAME = 4096, 200  # bytes of the list of fixes, and of a name
 AT_CAP, TWIST, TWIST_AT_CAP = 6, 7, 8  # columns of `Contacts.rolling`
-MOST, ROTATIONS = (
-    7,
-    4,
-)  # number of values after the slip: contact radius, rolling and twisting; rolling and twisting only
-PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (
-    1 / 3
-)  # gap in LAMMPS over the pull-off gap of jkr
+MOST = 7  # number of values after the slip: contact radius, rolling and twisting
+ROTATIONS = 4  # number of values of rolling and twisting
+PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap over the pull-off gap of jkr
 SHARE = 0.05  # fraction of the dashpot force that half a step may change
 
 
@@ -194,21 +191,16 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     start, blocks = _blocks(content)
     fixes, style = _fixes(content[:start])[1], str(_header(content)[0].get(STYLE, "sphere"))
     marks = {f"_{kind.upper().replace('/', '_')}_FIX_PROP": kind for kind in BOND_MEMORY}  # fixes for bond styles
-    named = []  # names in the order of their entries in a record
-    for name, kind in fixes:
-        named.append(next((marks[mark] for mark in marks if mark in name), kind))
+    named = [next((marks[mark] for mark in marks if mark in name), kind) for name, kind in fixes]
     stores = named if walls is None else [HISTORY, *[REGION] * walls]
     columns = own_columns(style)
     parts = [_read_block(block, columns, stores, values) for block in blocks if len(block)]
     if not parts:
         raise ValueError("a LAMMPS restart file without grains")
-    tag, *grains = (np.concatenate(columns) for columns in zip(*(part[0] for part in parts), strict=True))
-    pairs, touched = (
-        [np.concatenate(columns) for columns in zip(*(part[k] for part in parts), strict=True)] for k in (1, 2)
-    )
+    groups = ([np.concatenate(columns) for columns in zip(*group, strict=True)] for group in zip(*parts, strict=True))
+    (tag, *grains), pairs, touched, bonds = groups
     order = np.argsort(tag)
     ids = tag[order]
-    bonds = [np.concatenate(column) for column in zip(*(part[3] for part in parts), strict=True)]
     orientation = grains.pop()
     if not np.diff(ids).all() or not np.isin(np.concatenate([pairs[0], pairs[1], touched[1]]), ids).all():
         raise ValueError("a LAMMPS restart file with a contact of a missing grain")
@@ -281,12 +273,8 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     content = _read_whole(path)
     whole = path.name.replace(".base", ".%")
     remedy = f"convert it with LAMMPS: `read_restart {whole}`, then `write_data packing.data`"
-    try:
+    with refusing(lambda problem: f"{path} cannot be read ({problem}): {remedy}", KeyError, IndexError):
         return [_packing(path, content, remedy)]
-    except PackingError:
-        raise
-    except (ValueError, KeyError, IndexError) as problem:
-        raise PackingError(f"{path} cannot be read ({problem}): {remedy}") from None
 
 
 def _packing(path: Path, content: bytes, remedy: str) -> Packing:
@@ -328,18 +316,11 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     if about[UNITS] not in SAME_UNITS:
         notes.append(Obstacle(f"units {about[UNITS]}, in which LAMMPS converts forces, were not imported"))
     notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
+    labels = _groups_and_labels(content, restart.mask)[1]
     return Packing(
-        str(box.step),
-        arrays,
-        notes,
-        box.step,
-        restart.ids,
-        restart.types,
-        memory=restart,
-        law=law,
-        labels=_groups_and_labels(content, restart.mask)[1],
-        bonds=bonds,
-    )
+        str(box.step), arrays, notes, box.step, restart.ids, restart.types,
+        memory=restart, law=law, labels=labels, bonds=bonds,
+    )  # fmt: skip
 
 
 def stored_fixes(head: bytes) -> dict[str, str]:
@@ -384,12 +365,10 @@ def _groups_and_labels(content: bytes, mask: np.ndarray) -> tuple[dict[str, np.n
             names.append(name)
     except ValueError:
         return {}, {}
-    try:
+    with suppress(ValueError):  # the end of the labels
         if reader.number("<i") == LABELS and reader.number("<i"):
             while len(labels) < LONGEST_NAME:
                 labels.append(_string(reader))
-    except ValueError:  # the end of the labels
-        pass
     return masks, {label: k for k, label in enumerate(labels, start=1) if label}
 
 
@@ -503,9 +482,7 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
     ----------
     memories : entry, and its end, for each style that stores data on bonds
     """
-    number = np.arange(count.sum()) - np.repeat(
-        np.cumsum(count) - count, count
-    )  # index of a bond among those of its grain
+    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # among the bonds of its grain
     row = np.repeat(first, count) + number
     kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (row, row + np.repeat(count, count)))
     memory = np.zeros((len(number), 4))
@@ -565,9 +542,7 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
         values = int((end - entry - 2)[some[0]] // count[some[0]]) - 1 if len(some) else 3
     if values < 3 or not (2 + (values + 1) * count <= end - entry).all():
         raise ValueError("a LAMMPS restart file with more contacts than fit into a record: it is damaged")
-    number = np.arange(count.sum()) - np.repeat(
-        np.cumsum(count) - count, count
-    )  # index of a contact among those of its grain
+    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # among the contacts of its grain
     first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
     plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022, ids were stored as plain numbers

@@ -19,12 +19,12 @@ from ...core.arguments import checked, require_positive
 from ...core.laws.builtin import Law
 from ...core.state import State
 from ...core.text import parse_integer
-from ..sample import WALLS, Obstacle, PackingError, notes_about, with_one_account
+from ..sample import WALLS, Obstacle, PackingError, notes_about, refusing, with_one_account
 from .columns import Packing
 from .files import build_state, capture_warnings, chosen_law, lammps_law, separate_law, with_inertia
-from .lammps_file import packing_from_table, pairs_from_table
+from .lammps_file import pairs_from_table
 from .lammps_folder import read_folder
-from .lammps_text import Table, parse_step
+from .lammps_text import Table, packing_from_table, parse_step
 
 GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # entries counted in a dump
 BEGIN, ITEM = b"ITEM: TIMESTEP", b"ITEM:"
@@ -88,14 +88,6 @@ def has_dumps(folder: Path, kind: str, pattern: str = "*") -> bool:
             if (head.startswith(ITEM) and mark in head) or (not head and "dump" in path.name):
                 return True
     return False
-
-
-def find_compressed(folder: Path) -> Path | None:
-    """First compressed file in a folder whose name contains "dump"."""
-    for path in sorted(folder.iterdir()):
-        if "dump" in path.name and path.is_file() and _head(path).startswith(COMPRESSED):
-            return path
-    return None
 
 
 def _read_new_frames(path: Path, before: Dump, modified: int) -> Dump:
@@ -210,10 +202,8 @@ def read_content(frame: DumpFrame) -> Table:
         content = file.read(frame.stop - frame.start)
     if hashlib.blake2b(content, digest_size=8).hexdigest() != frame.digest:
         raise PackingError(f"{frame.path.name}, step {frame.step}: the file was replaced while it was read")
-    try:
+    with refusing(lambda problem: f"{frame.path.name}, step {frame.step} is damaged: {problem}", IndexError, KeyError):
         return parse_step(frame.path, frame.step, content.decode("utf-8").partition("ITEM: TIMESTEP")[2])
-    except (ValueError, IndexError, KeyError) as problem:
-        raise PackingError(f"{frame.path.name}, step {frame.step} is damaged: {problem}") from None
 
 
 INTERVAL = 1.0  # time between two searches of the folder [s]
@@ -321,8 +311,9 @@ def _require_dumps(folder: Path, pattern: str, kind: str) -> None:
     """Raise PackingError if no file in the folder is, or may become, a dump of a kind."""
     if has_dumps(folder, kind, pattern):
         return
-    if folder.is_dir() and (packed := find_compressed(folder)):
-        raise PackingError(f"{packed} is compressed: decompress it, or have LAMMPS write text")
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if "dump" in path.name and path.is_file() and _head(path).startswith(COMPRESSED):
+            raise PackingError(f"{path} is compressed: decompress it, or have LAMMPS write text")
     if kind == CONTACTS:
         raise PackingError(f"{folder / pattern} is not a text file of contacts from `dump local` in LAMMPS: {NEEDS}")
     empty = not any(folder.iterdir())
@@ -382,10 +373,7 @@ def read_pair(source: Source, pair: Pair) -> tuple[State, list[str]]:
         acts = [note for note in run.notes if isinstance(note, Obstacle)]
         notes = dict.fromkeys([*(note for note in packing.notes if note not in known), *acts])
         packing = packing._replace(setting=run.setting, notes=[*notes])
-
-    pairs = None
-    if contacts is not None and local is not None:
-        pairs = pairs_from_table(local, contacts.path, packing, source.columns)
+    pairs = None if local is None else pairs_from_table(local, contacts.path, packing, source.columns)
     (state, more), said = capture_warnings(build_state, packing, pairs, source.law)
     return with_inertia(state, source.i0), [*with_one_account([*packing.notes, *more]), *said]
 

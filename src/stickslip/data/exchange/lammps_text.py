@@ -6,6 +6,7 @@ reads it back.
 
 import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,14 +20,12 @@ from ...core.state import SLIDE
 from ...core.text import parse_integer, parse_numbers
 from ...known import HARMLESS, USED, group_of
 from ..run_files import replace_atomically
-from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for
-from .columns import arrange_grains, digits_note, first_lines, identify_columns, read_lines
+from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for, refusing
+from .columns import Packing, arrange_grains, digits_note, first_lines, identify_columns, only_state, read_lines
 from .frame import Frame, bounding_box, list_losses, unbonded, without_walls, wrapped_into
 from .lammps_bonds import FormattedBonds, bonds_of_data, format_bonds, list_bonds, note_on_bonds
 
-HEADER = re.compile(
-    r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$"
-)  # heading of a section in a data file
+HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$")  # heading of a section
 ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]  # order of columns of contacts
 VOLUME = 4 / 3 * np.pi
 AXES = ("x", "y", "z")
@@ -86,7 +85,7 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
         raise PackingError(
             f"{path} contains no ITEM: TIMESTEP ({first_lines(path)}): give a dump that LAMMPS wrote as text"
         )
-    try:
+    with refusing(lambda problem: f"{path} is truncated or not a LAMMPS dump ({problem})", IndexError, KeyError):
         steps = [parse_integer(piece.split("\n", 2)[1]) for piece in pieces]
         if wanted not in (None, "all") and wanted not in map(str, steps):
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
@@ -95,10 +94,6 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
         if wanted is not None:  # the last of several with the same step, as after `reset_timestep`
             last = [k for k, s in enumerate(steps) if wanted in ("all", str(s))][0 if wanted == "all" else -1 :]
         return [parse_step(path, steps[k], pieces[k]) for k in last], steps
-    except (ValueError, IndexError, KeyError) as problem:
-        if isinstance(problem, PackingError):
-            raise
-        raise PackingError(f"{path} is truncated or not a LAMMPS dump ({problem})") from None
 
 
 def parse_step(path: Path, step: int, piece: str) -> Table:
@@ -106,10 +101,8 @@ def parse_step(path: Path, step: int, piece: str) -> Table:
     items = {}
     for item in piece.split("ITEM: ")[1:]:
         head, _, body = item.partition("\n")
-        items[re.split(r" (?![A-Z]+\b)", head.strip(), maxsplit=1)[0] if head[:3] == "BOX" else head.split()[0]] = (
-            head,
-            body,
-        )
+        name = re.split(r" (?![A-Z]+\b)", head.strip(), maxsplit=1)[0] if head[:3] == "BOX" else head.split()[0]
+        items[name] = head, body
     rows = parse_integer(items["NUMBER"][1].split()[0])
     vectors, corner, periodic = _parse_bounds(*items["BOX BOUNDS"])
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
@@ -165,10 +158,8 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
         periodic = given
     elif periodic is None:
         periodic = np.ones(3, bool)
-        notes = [
-            *notes,
-            Absent("the file does not state periodic directions: all are assumed to be periodic (--boundary)"),
-        ]
+        missing = "the file does not state periodic directions: all are assumed to be periodic (--boundary)"
+        notes = [*notes, Absent(missing)]
     flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
     cell = table.vectors.copy()
     if not any(a[:, 2].any() for a in flat):
@@ -180,8 +171,8 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
     return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), notes
 
 
-def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
-    """Ids, arrays for `from_arrays` (and `types`, `force`) and notes from a dump of grains, sorted by id."""
+def packing_from_table(table: Table, path: Path, boundary: str | None = None, said: Sequence[str] = ()) -> Packing:
+    """Packing from one time step of a dump of grains, sorted by id; `said` are notes on the file."""
     used = [name for name in table.columns if group_of("column of a dump", name) == USED and name != "type"]
     known, _ = identify_columns({name: table.numbers(name) for name in used})
     known = {name: column for name, column in known.items() if name not in ("velocity", "spin") or column.shape[1] == 3}
@@ -194,8 +185,9 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
     known |= {"force": table.numbers(*FORCE)} if table.has(*FORCE) else {}
     if table.has("type") and all(word.isdecimal() for word in table.columns["type"]):
         known["types"] = table.numbers("type").astype(np.int64) - 1
-    ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
-    notes = digits_note(next(words for name, words in table.columns.items() if name in ("x", "xu", "xs", "xsu"))) + said
+    ids, arrays, notes = arrange_grains(path.name, known, volume=VOLUME)
+    words = next(words for name, words in table.columns.items() if name in ("x", "xu", "xs", "xsu"))
+    notes = [*digits_note(words), *notes]
     charges = {"q": HARMLESS} if table.has("q") and not table.numbers("q").any() else {}
     notes += account_for("column of a dump", table.columns, path.name, charges)
     notes += account_for("item of a dump", table.items, path.name)
@@ -204,7 +196,9 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
         if len(ids) and ids[-1] > len(ids):
             gaps = f"ids go up to {ids[-1]}, but {len(ids)} grains are in the file"
             notes.append(Absent(f"{gaps}: if it is the dump of a group, others may touch them", GROUP))
-    return ids, arrays, notes
+    types, force = arrays.pop("types", None), arrays.pop("force", None)
+    arrays, notes = add_box(table, arrays, boundary, [*notes, *said])
+    return Packing(str(table.step), arrays, notes, table.step, ids, types, force)
 
 
 def check_ids(path: Path, ids: np.ndarray) -> None:
@@ -226,29 +220,32 @@ def _position(table: Table, path: Path) -> np.ndarray:
     """(N, 3) positions, unwrapped if the columns allow it [length]."""
     vectors, corner = table.vectors, table.corner
     whole = whole_periods(table.numbers("ix", "iy", "iz"), vectors) if table.has("ix", "iy", "iz") else 0.0
-    for mark in ("u", ""):
-        if table.has(*(axis + mark for axis in AXES)):
-            position = table.numbers(*(axis + mark for axis in AXES))
-            return position if mark else position + whole
-    for mark in ("su", "s"):
-        if table.has(*(axis + mark for axis in AXES)):
-            position = corner + table.numbers(*(axis + mark for axis in AXES)) @ vectors
-            return position + (whole if mark == "s" else 0.0)
+    for mark in ("u", "", "su", "s"):
+        names = [axis + mark for axis in AXES]
+        if table.has(*names):
+            position = table.numbers(*names)
+            position = corner + position @ vectors if "s" in mark else position
+            return position if "u" in mark else position + whole
     raise PackingError(
         f"{path} has columns {' '.join(table.columns)}: it needs x y z, xu yu zu, xs ys zs or xsu ysu zsu ({RENAMED})"
     )
 
 
-def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, Table, list[str]]:
-    """Read ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and notes from a data file.
+def read_data_file(
+    path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None
+) -> list[Packing]:
+    """Read the packing of a data file, with the time step −1 if it is unknown.
 
-    The atom style is the one named in the section Atoms, the one `asked` for, or the only one that fits.
+    Parameters
+    ----------
+    boundary : three letters as in LAMMPS, such as ppf; all directions are periodic by default
+    atom_style : style of the atoms if the section Atoms does not name it; by default, the only one that fits
     """
     text = read_lines(path)
     first = text.partition("\n")[0]
     sections = _split_sections(text.partition("\n")[2])
     head = sections.pop("")[1]
-    try:
+    with refusing(lambda problem: f"{path} is truncated or not a LAMMPS data file ({problem})", IndexError, TypeError):
         if "Atoms" not in sections:
             raise PackingError(f"{path} has no section Atoms ({first_lines(path)}): give a LAMMPS data file, or a dump")
         style, body = sections["Atoms"]
@@ -256,15 +253,11 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         labels = _type_labels(sections, "Atom")
         rows = _parse_rows(body, count, "Atoms", labels)
         vectors, corner = _parse_data_box(head)
-        names, notes = _columns_of_atoms(path, style, asked, rows, head)
+        names, notes = _columns_of_atoms(path, style, atom_style, rows, head)
         step = re.search(r"timestep = ([^\s,]+)", first)
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
         motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
         bonds = _parse_bonds(sections, head)
-    except (ValueError, IndexError, TypeError) as problem:
-        if isinstance(problem, PackingError):
-            raise
-        raise PackingError(f"{path} is truncated or not a LAMMPS data file ({problem})") from None
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     known = dict(zip(names, rows.T, strict=False))
     known |= {"position": np.stack([known[axis] for axis in AXES], axis=1), "types": known["type"].astype(np.int64) - 1}
@@ -275,16 +268,18 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         known |= {"velocity": motion[:, 1:4]} | ({"spin": motion[:, 4:7]} if motion.shape[1] >= 7 else {})
     check_ids(path, rows[:, 0])
     ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
-    arrays["labels"] = {label: int(number) for label, number in labels.items()}
-    arrays["bonds"] = list_bonds(path.name, ids, *bonds)
+    listed = list_bonds(path.name, ids, *bonds)
     try:
-        arrays["setting"], why = bonds_of_data(head, arrays["bonds"]), ""
+        setting, why = bonds_of_data(head, listed), ""
     except (ValueError, IndexError, TypeError) as problem:
-        arrays["setting"], why = None, str(problem)
-    said += [] if arrays["setting"] else note_on_bonds(arrays["bonds"], why)
+        setting, why = None, str(problem)
+    said += [] if setting else note_on_bonds(listed, why)
     notes += [*said, *account_for("section", sections, path.name)]
     notes += account_for("heading of a data file", _headings(head), path.name)
-    return ids, arrays, box, notes
+    only_state(path, frame)
+    types, numbers = arrays.pop("types"), {label: int(number) for label, number in labels.items()}
+    arrays, notes = add_box(box, arrays, boundary, notes)
+    return [Packing(str(box.step), arrays, notes, box.step, ids, types, setting=setting, labels=numbers, bonds=listed)]
 
 
 def _type_labels(sections: dict[str, tuple[str | None, str]], kind: str) -> dict[str, str]:
@@ -370,9 +365,8 @@ def _fits(names: list[str], style: str, rows: np.ndarray, types: float, head: st
     images = (rows[:, len(names) :] == np.round(rows[:, len(names) :])).all()
     sizes = all((part[name] > 0).all() for name in ("diameter", "density", "mass") if name in part)
     kind = bool(((part["type"] >= 1) & (part["type"] <= types)).all())
-    shaped = (
-        "flag" not in part or not part["flag"].any() or bool(re.search(rf"(?m)^\s*\d+\s+{PLURAL.get(style)}\b", head))
-    )
+    flagged = "flag" in part and part["flag"].any()
+    shaped = not flagged or bool(re.search(rf"(?m)^\s*\d+\s+{PLURAL.get(style)}\b", head))
     return bool(whole and images and sizes and kind and shaped)
 
 

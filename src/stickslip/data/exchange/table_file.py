@@ -18,7 +18,7 @@ from ...core.state import SLIDE
 from ...core.tables import split_rows, write_table
 from ...core.text import parse_numbers
 from ..run_files import replace_atomically
-from ..sample import COLUMNS, NO_CONTACTS, Assumption, Obstacle, PackingError
+from ..sample import COLUMNS, NO_CONTACTS, Assumption, Obstacle, PackingError, refusing
 from .columns import (
     HEAD,
     LENGTHS,
@@ -26,6 +26,7 @@ from .columns import (
     TIMES,
     UNIT,
     Packing,
+    choice_note,
     chosen_frames,
     extent_note,
     first_lines,
@@ -90,11 +91,11 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
         packings = [packing_of_columns(columns, path.name, path.stem)]
     else:
         steps = np.unique(times)
-        chosen = chosen_frames(path, [f"{step:g}" for step in steps], frame)
+        names = [f"{step:g}" for step in steps]
+        chosen = chosen_frames(path, names, frame)
         parts = [{name: values[times == steps[k]] for name, values in columns.items()} for k in chosen]
-        packings = [packing_of_columns(part, path.name, f"{steps[k]:g}") for k, part in zip(chosen, parts, strict=True)]
-        last = f"{path.name} has {len(steps)} time steps: the last, {steps[-1]:g}, is used; choose another with --frame"
-        notes = [*notes, last] if frame is None else notes
+        packings = [packing_of_columns(part, path.name, names[k]) for k, part in zip(chosen, parts, strict=True)]
+        notes = [*notes, *choice_note(path, names, frame, "time steps")]
     more = Assumption(extent_note(path.name))
     return [packing._replace(notes=[*notes, *packing.notes, more]) for packing in packings]
 
@@ -139,9 +140,8 @@ def read_columns(
         below.pop()
     rows = _numbers(path, below, len(names or (_split(lines[0]) if lines else ())))
     if len(rows) and (empty := np.isnan(rows).all(axis=1)).any() and not empty.all():
-        notes.append(
-            Assumption(f"{path.name} has {empty.sum()} of {len(rows)} rows without a number: left out", COLUMNS)
-        )
+        without = f"{path.name} has {empty.sum()} of {len(rows)} rows without a number: left out"
+        notes.append(Assumption(without, COLUMNS))
         rows = rows[~empty]
     if names is None and (names := names_by_content(rows)) is None:
         raise PackingError(
@@ -201,45 +201,36 @@ def _convert_lengths(path: Path, columns: dict[str, np.ndarray]) -> list[str]:
 
 def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
     """(rows, width) numbers in lines of equal length; with decimal commas unless commas are separators."""
-    try:
+    with refusing():
         mark = _separator(lines[0]) if lines else None
         rows = [row for _, row in split_rows(path, list(enumerate(lines, 1)), mark)]
-    except ValueError as problem:
-        raise PackingError(str(problem)) from None
     for number, row in enumerate(rows, 1):
         if len(row) != width:
             raise PackingError(
                 f"{path} has {len(row)} entries in row {number}, where its columns are {width}: it is damaged"
             )
-    try:
-        return parse_numbers([word if word else "nan" for row in rows for word in row]).reshape(-1, width)
-    except ValueError as problem:
-        raise PackingError(f"{path} contains an entry that is not a number ({problem}): correct it") from None
+    return _parse(path, [word or "nan" for row in rows for word in row], "correct it", (-1, width))
 
 
 def recognize_mercury(head: bytes) -> bool:
     """Return True for a MercuryDPM .data file: the number of grains, the time and the domain, then the grains."""
     lines = head_text(head).split("\n")
-    sizes = [len(line.split()) for line in lines[:2]]
-    return (
-        len(lines) > 1
-        and sizes[0] in MERCURY
-        and sizes[1] in (len(MERCURY[sizes[0]]), 0)
-        and names_of(lines[0]) is None
-    )
+    names = MERCURY.get(len(lines[0].split()))
+    if names is None or len(lines) < 2 or names_of(lines[0]) is not None:
+        return False
+    return len(lines[1].split()) in (len(names), 0)
 
 
 def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
     """Read time steps of a MercuryDPM .data file, named by number."""
     packings = []
     walls = "no walls and periodic boundaries were read, as MercuryDPM's .data has none; they are in its .restart"
+    notes = [Assumption(walls), Assumption(extent_note(path.name))]
     needed = "N t and the domain are needed, as in MercuryDPM"
     for name, lines in split_frames(path, frame, MERCURY, 1, "time step", needed):
         names = MERCURY[len(lines[0].split())]
         rows = _numbers(path, lines[1:], len(names))
-        packing = packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, name)
-        more = Assumption(walls), Assumption(extent_note(path.name))
-        packings.append(packing._replace(notes=[*packing.notes, *more]))
+        packings.append(packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, name, notes))
     return packings
 
 
@@ -346,14 +337,11 @@ def _read_frame(path: Path, name: str, lines: list[str]) -> Packing:
             )
         about["Properties"] = "species:S:1:pos:R:3:radius:R:1"
         notes = [Assumption(f"{path.name} does not name its columns: species x y z radius is assumed", COLUMNS)]
-    try:
+    end = "its second line must name its columns"
+    with refusing(lambda what: f"{path} has a damaged frame {name} ({what}): {end}", KeyError, IndexError, TypeError):
         kinds = about["Properties"].strip('"').split(":")
         columns = _columns(kinds, [line.split() for line in lines[2:]])
         more, law = _box(about), law_from_dict(json.loads(json.loads(about["law"]))) if "law" in about else None
-    except (KeyError, ValueError, IndexError, TypeError) as problem:
-        raise PackingError(
-            f"{path} has a damaged frame {name} ({problem}): its second line must name its columns"
-        ) from None
     packing = packing_of_columns(columns, path.name, name, **more)
     notes += [*packing.notes, NO_CONTACTS] if law else packing.notes
     return packing._replace(law=law, notes=notes if "cell" in more else [*notes, extent_note(path.name)])
@@ -411,8 +399,8 @@ def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
     times = TIME.split(read_lines(path))[1:]
     if not times:
         raise PackingError(f"{path} has EDEM queries but no line `TIME:` above them: export it with its header")
-    names = times[::2]
-    packings = []
+    names, packings = times[::2], []
+    choice = choice_note(path, names, frame, "states")
     for k in chosen_frames(path, names, frame):
         queries = QUERY.split(times[2 * k + 1])[1:]
         lists = [re.findall(r"[^\s,;\"]+", values) for values in queries[1::2]]
@@ -429,24 +417,13 @@ def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
                 raise PackingError(
                     f"{path} has {len(words)} values of {query!r} at time {names[k]}, but {most} of other queries"
                 )
-        packing = packing_of_columns(columns, path.name, names[k])
-        packings.append(packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))]))
-    return _with_choice(path, names, frame, packings)
+        packings.append(packing_of_columns(columns, path.name, names[k], [Assumption(extent_note(path.name))]))
+    return [packing._replace(notes=[*choice, *packing.notes]) for packing in packings]
 
 
-def _parse(path: Path, words: list[str]) -> np.ndarray:
-    try:
-        return parse_numbers(words)
-    except ValueError as problem:
-        raise PackingError(f"{path} contains an entry that is not a number ({problem}): write it again") from None
-
-
-def _with_choice(path: Path, names: list[str], frame: str | None, packings: list[Packing]) -> list[Packing]:
-    """Packings, with a note on the choice among several."""
-    if frame is not None or len(names) == 1:
-        return packings
-    last = f"{path.name} has {len(names)} states: the last, {names[-1]}, is used; choose another with --frame"
-    return [packing._replace(notes=[last, *packing.notes]) for packing in packings]
+def _parse(path: Path, words: list[str], remedy: str = "write it again", shape: tuple[int, ...] = (-1,)) -> np.ndarray:
+    with refusing(lambda problem: f"{path} contains an entry that is not a number ({problem}): {remedy}"):
+        return parse_numbers(words).reshape(shape)
 
 
 def recognize_jambash(head: bytes) -> bool:
@@ -460,6 +437,7 @@ def read_jambash(path: Path, frame: str | None = None) -> list[Packing]:
     if not found:
         raise PackingError(f"{path} is truncated: N, L1, L2 and the disks in braces are needed, as in jamBashBulk")
     names = [str(k) for k in range(len(found))]
+    choice = choice_note(path, names, frame, "states")
     packings, more = [], {"dim": 2, "periodic": [True, True, False]}
     for k in chosen_frames(path, names, frame):
         count, *lists = found[k]
@@ -470,7 +448,7 @@ def read_jambash(path: Path, frame: str | None = None) -> list[Packing]:
         cell[:2, :2] = first, second
         columns = dict(zip(("x", "y", "radius"), rows.reshape(-1, 3).T, strict=True))
         packings.append(packing_of_columns(columns, path.name, names[k], cell=cell, **more))
-    return _with_choice(path, names, frame, packings)
+    return [packing._replace(notes=[*choice, *packing.notes]) for packing in packings]
 
 
 def recognize_packlsd(head: bytes) -> bool:
@@ -500,10 +478,9 @@ def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
     cell[:dim, :dim] = _parse(path, head[len(head) - dim**2 :]).reshape(dim, dim)
     periodic = [flag == "T" for flag in flags] + [False] * (3 - dim)
     columns = {**dict(zip("xyz", rows[:, :dim].T, strict=False)), "diameter": diameter}
-    packing = packing_of_columns(columns, path.name, path.stem, dim=dim, cell=cell, periodic=periodic)
     notes = [Assumption(f"{path.name}: positions are assumed to be lengths, not lattice fractions", COLUMNS)]
     notes += [] if all(periodic[:dim]) else [Obstacle(f"hard walls of {path.name} (F) were not imported")]
-    return [packing._replace(notes=[*packing.notes, *notes])]
+    return [packing_of_columns(columns, path.name, path.stem, notes, dim=dim, cell=cell, periodic=periodic)]
 
 
 def recognize_mfix(head: bytes) -> bool:
@@ -538,8 +515,7 @@ def read_mfix(path: Path, frame: str | None = None) -> list[Packing]:
         raise PackingError(f"{path} has rows with fewer numbers than its {len(names)} columns: it is damaged")
     values = _parse(path, [re.sub("[dD]", "e", word) for row in rows for word in row[: len(names)]])
     columns |= dict(zip(names, values.reshape(count, -1).T, strict=True))
-    packing = packing_of_columns(columns, path.name, path.stem)
-    notes = [*packing.notes, Assumption(extent_note(path.name))]
+    notes = [Assumption(extent_note(path.name))]
     if more := max(map(len, rows), default=0) - len(names):  # temperature, species, scalars
         notes.append(f"{path.name}: columns after {' '.join(names)} are not used: {more}")
-    return [packing._replace(notes=notes)]
+    return [packing_of_columns(columns, path.name, path.stem, notes)]

@@ -23,7 +23,7 @@ from ...core.reading import Budget, Reader
 from ...core.text import parse_numbers
 from ...extras import require
 from ..run_files import name_file_in_errors
-from ..sample import Assumption, PackingError
+from ..sample import Assumption, PackingError, refusing
 from .columns import Packing, extent_note, only_state, packing_of_columns, read_content
 from .frame import Frame, exported, list_losses, with_bonds, wrapped_into
 
@@ -130,10 +130,8 @@ def _array(array: ElementTree.Element, source: _Source) -> np.ndarray:
 
 def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
     """Paths of the files of grains and of contacts for each frame."""
-    stems = [path.stem] if count == 1 else [f"{path.stem}_{k:04d}" for k in range(count)]
-    pattern = "{}-contacts{}" if count == 1 else "{0[0]}-contacts_{0[1]}{1}"
-    names = [pattern.format(stem if count == 1 else stem.rsplit("_", 1), path.suffix) for stem in stems]
-    return [(path.with_name(stem + path.suffix), path.with_name(n)) for stem, n in zip(stems, names, strict=True)]
+    ends = [path.suffix] if count == 1 else [f"_{k:04d}{path.suffix}" for k in range(count)]
+    return [(path.with_name(path.stem + end), path.with_name(f"{path.stem}-contacts{end}")) for end in ends]
 
 
 def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
@@ -163,8 +161,7 @@ def _positions(frame: Frame) -> np.ndarray:
     state = frame.state
     if frame.moving or not state.cell.periodic.any():
         return state.grains.position
-    vectors, corner = state.cell.vectors, np.zeros(3)
-    return wrapped_into(state.grains.position, vectors, corner, state.cell.periodic)[0]
+    return wrapped_into(state.grains.position, state.cell.vectors, np.zeros(3), state.cell.periodic)[0]
 
 
 def _write_grains(hl, path: str, frame: Frame) -> str:
@@ -214,15 +211,11 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     content = read_content(path)
     budget = Budget(path, len(content), remedy="write it again", error=PackingError)
     legacy = content.lstrip().startswith(LEGACY)
-    try:
+    damage = f"{path} is truncated, or not VTK of points"
+    with refusing(lambda problem: f"{damage} ({str(problem)[:120]})", IndexError, KeyError, zlib.error):
         columns = _legacy_columns(content) if legacy else _xml_columns(content, budget)
         columns = {name: c[:, 0] if c.ndim == 2 and c.shape[1] == 1 else c for name, c in columns.items()}
-    except PackingError:
-        raise
-    except (ValueError, IndexError, KeyError, zlib.error) as problem:
-        raise PackingError(f"{path} is truncated, or not VTK of points ({str(problem)[:120]})") from None
-    packing = packing_of_columns(columns, path.name, path.stem)
-    return [packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))])]
+    return [packing_of_columns(columns, path.name, path.stem, [Assumption(extent_note(path.name))])]
 
 
 def _legacy_columns(content: bytes) -> dict[str, np.ndarray]:
@@ -247,7 +240,8 @@ def _legacy_columns(content: bytes) -> dict[str, np.ndarray]:
                 name, width, rows, kind = reader.tokens()
                 columns[name] = reader.numbers(int(width) * int(rows), kind).reshape(int(rows), int(width))
         elif key == "METADATA":
-            reader.skip_block()
+            while reader.left and reader.line():  # up to the next empty line
+                pass
         elif key in ("VERTICES", "LINES", "POLYGONS", "CELLS", "CELL_TYPES") and reader.binary and len(tokens) > 1:
             reader.numbers(int(tokens[-1]), "int")
     return columns
@@ -267,11 +261,6 @@ class _Legacy(Reader):
             if tokens := self.line().decode("latin-1").split():
                 return tokens
         return []
-
-    def skip_block(self) -> None:
-        """Skip to the next empty line."""
-        while self.left and self.line():
-            pass
 
     def numbers(self, count: int, kind: str) -> np.ndarray:
         """The next `count` numbers of a type."""

@@ -15,17 +15,7 @@ from pydantic_core import PydanticCustomError
 from ...core.progress import MOST
 from ...core.tables import read_table, split_label
 from ...core.text import parse_number
-from ...data.schema import (
-    LARGEST,
-    Finite,
-    Listed,
-    Positive,
-    ScenarioError,
-    ScenarioTable,
-    field_at,
-    split_unit,
-    validate_table,
-)
+from ...data.schema import LARGEST, Finite, Listed, Positive, ScenarioError, ScenarioTable, field_at, validate_table
 
 SPACED, DRAWN = ("linspace", "geomspace"), ("uniform", "loguniform", "integers", "normal")
 KINDS = (*SPACED, *DRAWN, "column", "count")
@@ -319,7 +309,7 @@ def read_draws(draws, entries: dict, kind) -> dict[str, list[float]]:
             raise ScenarioError(f"sweep.{key}: sweep.draws has no column {name!r}: its columns are {', '.join(table)}")
         unit, out[name] = table[name]
         if of_file and entry.times is None:
-            wanted = split_unit(field_at(kind, key).description)[1]
+            wanted = field_at(kind, key)[1]
             if unit != wanted and not (unit in PLAIN and wanted in PLAIN):
                 raise ScenarioError(
                     f"sweep.{key}: column {name!r} is in [{unit or '-'}] and the key in [{wanted or '-'}]: give the "

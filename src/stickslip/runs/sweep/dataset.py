@@ -14,7 +14,7 @@ from ...core.arguments import checked
 from ...core.reading import check_regular_file
 from ...core.units import units_in_use
 from ...data.run_files import MEMBERS, NUMBERS, write_file
-from ...data.schema import field_at, split_unit
+from ...data.schema import field_at
 from ...experiments.registry import EXPERIMENTS, SweepMember, scenario_class
 from ...figures.style import FORMATS, PLAIN, Look, render_all
 from .axes import Axis, short_names
@@ -89,7 +89,7 @@ def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], f
         alone = chosen.mode == "grid" or group[0].kind == "count"
         dims.append(DRAW if chosen.mode == "grid" and group[0].kind == "column" else group[0].key if alone else POINT)
         for axis in group:
-            meaning, unit = split_unit(field_at(kind, axis.key).description)
+            meaning, unit = field_at(kind, axis.key)
             attributes = {name: text for name, text in (("units", unit), ("long_name", meaning)) if text}
             coordinates[axis.key] = (dims[-1], _labels(axis), attributes)
 

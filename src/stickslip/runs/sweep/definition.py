@@ -25,7 +25,7 @@ from ...core.progress import Size, require_sizes
 from ...core.readable import format_value, pluralize, readable
 from ...core.text import shortened
 from ...data.law_schema import trust_law_files, with_checksums
-from ...data.schema import LARGEST, ScenarioBase, ScenarioError, field_at, split_unit, validate_table, with_value
+from ...data.schema import LARGEST, ScenarioBase, ScenarioError, field_at, validate_table, with_value
 from ...experiments.registry import read_tables, scenario, scenario_class
 from .axes import (
     BATCHES,
@@ -103,7 +103,7 @@ def _rows(chosen: Sweep):
     kind = scenario_class(chosen.base)
     yield "experiment", _experiment(chosen)
     for axis in chosen.axes:
-        yield axis.key, axis.values, *reversed(split_unit(field_at(kind, axis.key).description))
+        yield axis.key, axis.values, *reversed(field_at(kind, axis.key))
     yield "members", chosen.count, "", " × ".join(map(str, chosen.shape)) if len(chosen.shape) > 1 else ""
     yield "rejected points", chosen.refusals or None
 

@@ -279,8 +279,7 @@ def _check_columns(table: laboratory_table.LaboratoryTable, motion: bool) -> Non
 
 
 def _names(column: str) -> str:
-    foreign = laboratory_table.OTHER_LANGUAGES.get(column, "").split()
-    return ", ".join(name for name in laboratory_table.COLUMNS[column][1] if name not in foreign)
+    return ", ".join(laboratory_table.QUANTITIES[column][1].split())
 
 
 @readable
