@@ -42,8 +42,8 @@ def example(
         typer.Argument(metavar="[NAME]...", help="Examples to copy.", autocompletion=complete_from(_example_names)),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Copy all examples.")] = False,
-    to: Annotated[Path, typer.Option("--to", help="Folder for the copies.")] = Path("examples"),
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files.")] = False,
+    to: Annotated[Path, "Folder for the copies."] = Path("examples"),
+    overwrite: Annotated[bool, "Replace files."] = False,
     output: Output,
 ) -> None:
     """List the examples that come with the package, or copy them: scenarios, packings, laws, LAMMPS input."""

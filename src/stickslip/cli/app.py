@@ -13,6 +13,7 @@ import unicodedata
 import warnings
 from collections.abc import Callable, Iterable
 from contextlib import contextmanager
+from copy import copy
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, Signature, signature
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple, get_type_hints
 
 import typer
+from typer.models import OptionInfo
 
 from .. import __version__
 from ..extras import MissingExtraError
@@ -96,50 +98,18 @@ def complete_from(names: dict[str, str] | Callable[[], dict[str, str]]):
     return complete
 
 
-Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; created if it does not exist.")]
-Workers = Annotated[
-    int | None,
-    typer.Option(
-        "--workers", min=1, metavar="N", help="Processes for independent runs, threads for a flow; default: all."
-    ),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler", help="Address or JSON file of a Dask scheduler that executes independent runs instead."
-    ),
-]
-Device = Annotated[
-    str | None,
-    typer.Option(
-        "--device",
-        help="cuda: run all realisations of gouge or of a sliding array side by side on a graphics processor.",
-        autocompletion=complete_from(DEVICES),
-    ),
-]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
-OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only the result: paths, or one sentence.")]
-Engine = Annotated[
-    str | None,
-    typer.Option(
-        "--engine",
-        help="stickslip or lammps, for flows and fault gouge; overrides the scenario.",
-        autocompletion=complete_from(ENGINES),
-    ),
-]
-Ranks = Annotated[
-    int | None, typer.Option("--ranks", min=1, metavar="N", help="MPI processes of LAMMPS; overrides the scenario.")
-]
-Trust = Annotated[bool, typer.Option("--trust", help="Allow the Python file in law.file to run, now and in future.")]
-Slides = Annotated[bool, typer.Option("--slides", help="For slides: 16:9, with large type and thick lines.")]
+Out = Annotated[Path | None, "Folder for results; created if it does not exist."]
+Overwrite = Annotated[bool, "Replace results of another scenario in the folder."]
+OverwriteFile = Annotated[bool, "Replace the file if it exists."]
+Trust = Annotated[bool, "Allow the Python file in law.file to run, now and in future."]
+Slides = Annotated[bool, "For slides: 16:9, with large type and thick lines."]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead, for programs.")]
 
 
 class Output(NamedTuple):
     """Options for the output of a command."""
 
-    quiet: Quiet = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only the result: paths, or one sentence.")] = False
     as_json: AsJson = False
 
 
@@ -151,8 +121,7 @@ class FigureOptions(NamedTuple):
         typer.Option("--format", help="pdf or svg: also write figures in this format, besides PNG; repeatable."),
     ] = None
     width: Annotated[
-        int | None,
-        typer.Option("--width", metavar="MM", help="Width of figures: 86 mm (one column, default) or 178 mm."),
+        int | None, typer.Option(metavar="MM", help="Width of figures: 86 mm (one column, default) or 178 mm.")
     ] = None
     letters: Annotated[
         bool, typer.Option("--letters/--no-letters", help="Letter the panels of figures: (a), (b) …")
@@ -174,8 +143,16 @@ class FigureOptions(NamedTuple):
 class EngineOptions(NamedTuple):
     """Options for the engine that runs a scenario."""
 
-    engine: Engine = None
-    ranks: Ranks = None
+    engine: Annotated[
+        str | None,
+        typer.Option(
+            help="stickslip or lammps, for flows and fault gouge; overrides the scenario.",
+            autocompletion=complete_from(ENGINES),
+        ),
+    ] = None
+    ranks: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="MPI processes of LAMMPS; overrides the scenario.")
+    ] = None
 
     def values(self) -> dict:
         """Given values by name."""
@@ -185,13 +162,36 @@ class EngineOptions(NamedTuple):
 class ProcessOptions(NamedTuple):
     """Options for the processes of independent runs."""
 
-    workers: Workers = None
-    scheduler: Scheduler = None
-    device: Device = None
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Processes for independent runs, threads for a flow; default: all."),
+    ] = None
+    scheduler: Annotated[
+        str | None, "Address or JSON file of a Dask scheduler that executes independent runs instead."
+    ] = None
+    device: Annotated[
+        str | None,
+        typer.Option(
+            help="cuda: run all realisations of gouge or of a sliding array side by side on a graphics processor.",
+            autocompletion=complete_from(DEVICES),
+        ),
+    ] = None
+
+
+def _as_option(name: str, annotation):
+    """Annotation of an option, which is named after its parameter unless it has a name; a text is its help."""
+    kind, about = annotation.__origin__, annotation.__metadata__[0]
+    about = typer.Option(help=about) if isinstance(about, str) else copy(about)
+    if isinstance(about, OptionInfo) and about.default is ...:  # in an annotation, the name takes the default's place
+        about.param_decls = (f"--{name.replace('_', '-')}",)
+    return Annotated[kind, about]
 
 
 def command(**how):
-    """Make a function a command; fields of its parameters that are NamedTuples become options."""
+    """Make a function a command; fields of its parameters that are NamedTuples become options.
+
+    `Annotated[bool, "Words."]` is an option named after its parameter, with these words as its help.
+    """
 
     def register(function):
         """Expand the groups of a function's options, and make it a command."""
@@ -212,8 +212,9 @@ def command(**how):
                 continue
             kinds, defaults = get_type_hints(p.annotation, include_extras=True), p.annotation._field_defaults
             single += [Parameter(name, p.kind, default=defaults[name], annotation=kinds[name]) for name in kinds]
+        single = [p.replace(kind=Parameter.KEYWORD_ONLY, annotation=_as_option(p.name, p.annotation)) for p in single]
         del call.__wrapped__
-        call.__signature__ = Signature([p.replace(kind=Parameter.KEYWORD_ONLY) for p in single])
+        call.__signature__ = Signature(single)
         call.__annotations__ = {p.name: p.annotation for p in single}
         return app.command(**how)(call)
 

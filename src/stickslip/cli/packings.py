@@ -33,6 +33,9 @@ METHODS = {
     "certify": "also certify real eigenvalues", "dense": "all eigenvalues", "pairs": "all complex pairs",
 }  # fmt: skip
 NO_VERDICT = 3  # exit code where there is no verdict
+PackingFile = Annotated[
+    Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
+]
 Dashpots = Annotated[
     bool, typer.Option("--dashpots/--no-dashpots", help="Include the dashpots of the law, or leave them out.")
 ]
@@ -96,21 +99,15 @@ class PackingOptions(NamedTuple):
     ] = None
     damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None
     damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None
-    parameter: Annotated[
-        list[str] | None, typer.Option(help="Another parameter of the law, such as work=1e-3 for jkr; repeatable.")
-    ] = None
+    parameter: Annotated[list[str] | None, "Another parameter of the law, such as work=1e-3 for jkr; repeatable."] = (
+        None
+    )
     i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None
-    frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None
-    contacts: Annotated[
-        Path | None, typer.Option(help="LAMMPS `dump local` with contact forces, or a table of measured forces.")
-    ] = None
-    columns: Annotated[str | None, typer.Option(help='Columns of --contacts: "i j dist … tx ty tz".')] = None
-    boundary: Annotated[
-        str | None, typer.Option(help="Boundaries as in LAMMPS, e.g. ppf, if not given in the file.")
-    ] = None
-    atom_style: Annotated[
-        str | None, typer.Option(help="Atom style, such as sphere, if a LAMMPS data file does not name it.")
-    ] = None
+    frame: Annotated[str | None, "State to read from an archive, GSD file or dump."] = None
+    contacts: Annotated[Path | None, "LAMMPS `dump local` with contact forces, or a table of measured forces."] = None
+    columns: Annotated[str | None, 'Columns of --contacts: "i j dist … tx ty tz".'] = None
+    boundary: Annotated[str | None, "Boundaries as in LAMMPS, e.g. ppf, if not given in the file."] = None
+    atom_style: Annotated[str | None, "Atom style, such as sphere, if a LAMMPS data file does not name it."] = None
 
     def values(self) -> dict:
         """Options of `read_packing`."""
@@ -136,16 +133,11 @@ class MethodOptions(NamedTuple):
     """Options that select the eigenvalues to compute, and the method."""
 
     method: Annotated[
-        str,
-        typer.Option(
-            "--method", help="auto, fastest, all, certify, dense or pairs.", autocompletion=complete_from(METHODS)
-        ),
+        str, typer.Option(help="auto, fastest, all, certify, dense or pairs.", autocompletion=complete_from(METHODS))
     ] = "auto"
-    fastest: Annotated[bool, typer.Option("--fastest", help="Find the fastest-growing pair only.")] = False
+    fastest: Annotated[bool, "Find the fastest-growing pair only."] = False
     every: Annotated[bool, typer.Option("--all", help="Find all complex pairs.")] = False
-    certify: Annotated[
-        bool, typer.Option("--certify", help="Also certify the real eigenvalues; reports the estimated time first.")
-    ] = False
+    certify: Annotated[bool, "Also certify the real eigenvalues; reports the estimated time first."] = False
 
     def name(self, default: str) -> str:
         """Name of the requested method, or else the default."""
@@ -160,37 +152,22 @@ class MethodOptions(NamedTuple):
 @in_units_of_packing
 def stability(
     *,
-    file: Annotated[
-        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
-    ],
+    file: PackingFile,
     search: MethodOptions,
-    settle: Annotated[
-        bool, typer.Option("--settle", help="First let it come to rest under this law; analyse that state.")
-    ] = False,
+    settle: Annotated[bool, "First let it come to rest under this law; analyse that state."] = False,
     modes: Annotated[
-        Path | None,
-        typer.Option(
-            "--modes",
-            help="Output file for modes; default: FILE's name with -modes.npz, in this folder; none with --json.",
-        ),
+        Path | None, "Output file for modes; default: FILE's name with -modes.npz, in this folder; none with --json."
     ] = None,
     matrices: Annotated[
         str | None,
-        typer.Option(
-            "--matrices", metavar="<path>", help="Also write J, C and M: NAME.npz, or a folder for Matrix Market files."
-        ),
+        typer.Option(metavar="<path>", help="Also write J, C and M: NAME.npz, or a folder for Matrix Market files."),
     ] = None,
     beyond: Annotated[
         bool, typer.Option("--more", help="Also elastic moduli, transient growth, decisive contacts.")
     ] = False,
-    after: Annotated[
-        bool, typer.Option("--after", help="Also the course of the instability: bursts, or a lost contact.")
-    ] = False,
+    after: Annotated[bool, "Also the course of the instability: bursts, or a lost contact."] = False,
     position_error: Annotated[
-        float | None,
-        number_option(
-            "--position-error", help="Also the probability of the verdict for this error of positions, in radii."
-        ),
+        float | None, number_option(help="Also the probability of the verdict for this error of positions, in radii.")
     ] = None,
     dashpots: Dashpots = True,
     output: Output,
@@ -304,17 +281,13 @@ def stability(
 @in_units_of_packing
 def convert(
     *,
-    file: Annotated[
-        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
-    ],
-    to: Annotated[
-        Path, typer.Option("--to", help="Output file: .gsd, .vtu, .xyz, .data, .csv, .graphml, .npz or .h5.")
-    ],
-    modes: Annotated[Path | None, typer.Option("--modes", help="Animate a mode that `stability` wrote.")] = None,
-    mode: Annotated[int, typer.Option("--mode", min=0, metavar="N", help="Number of the mode, fastest first.")] = 0,
-    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period.")] = 48,
-    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
-    grow: Annotated[bool, typer.Option("--grow", help="Include the growth of the mode.")] = False,
+    file: PackingFile,
+    to: Annotated[Path, "Output file: .gsd, .vtu, .xyz, .data, .csv, .graphml, .npz or .h5."],
+    modes: Annotated[Path | None, "Animate a mode that `stability` wrote."] = None,
+    mode: Annotated[int, typer.Option(min=0, metavar="N", help="Number of the mode, fastest first.")] = 0,
+    frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames per period.")] = 48,
+    amplitude: Annotated[float, number_option(help="Largest displacement over the radius.")] = 0.3,
+    grow: Annotated[bool, "Include the growth of the mode."] = False,
     overwrite: OverwriteFile = False,
     output: Output,
     options: PackingOptions,
@@ -369,22 +342,15 @@ Place = Annotated[Path, typer.Argument(help="A run folder, or a packing in any f
 class ViewOptions(NamedTuple):
     """Options for the content of a report or a movie."""
 
-    modes: Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; default: computed.")] = (
-        None
-    )
-    settle: Annotated[bool, typer.Option("--settle", help="Let a packing come to equilibrium first.")] = False
+    modes: Annotated[Path | None, "Modes that `stability` wrote; default: computed."] = None
+    settle: Annotated[bool, "Let a packing come to equilibrium first."] = False
     colour: Annotated[
-        str | None,
-        typer.Option(
-            "--colour", help="Quantity shown by the colour of grains; default in a movie: speed, or displacement."
-        ),
+        str | None, "Quantity shown by the colour of grains; default in a movie: speed, or displacement."
     ] = None
     zoom: Annotated[
         str | None,
         typer.Option(
-            "--zoom",
-            metavar="<float>|all",
-            help="Enlarge the view on the grains, or show all, even if they rolled away.",
+            metavar="<float>|all", help="Enlarge the view on the grains, or show all, even if they rolled away."
         ),
     ] = None
     trust: Trust = False
@@ -408,10 +374,7 @@ def report(
     place: Place,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            help="Output file, by default report.html in the run, or FILE-report.html; .pdf, .png, .svg: forces only.",
-        ),
+        "Output file, by default report.html in the run, or FILE-report.html; .pdf, .png, .svg: forces only.",
     ] = None,
     view: ViewOptions,
     verdict: Annotated[
@@ -472,18 +435,15 @@ class FilmOptions(NamedTuple):
     mode: Annotated[
         int | None,
         typer.Option(
-            "--mode",
             min=0,
             metavar="N",
             help="Number of the mode, 0 for the fastest; default: the run itself, or mode 0 of a packing.",
         ),
     ] = None
-    fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames per second; the movie of a run lasts 8 s.")] = (
-        25
-    )
-    whole: Annotated[bool, typer.Option("--whole", help="Show all stages of a run; default: the last one.")] = False
-    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48
-    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3
+    fps: Annotated[int, typer.Option(metavar="N", help="Frames per second; the movie of a run lasts 8 s.")] = 25
+    whole: Annotated[bool, "Show all stages of a run; default: the last one."] = False
+    frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames per period of a mode.")] = 48
+    amplitude: Annotated[float, number_option(help="Largest displacement over the radius.")] = 0.3
     slides: Slides = False
 
 
@@ -493,10 +453,7 @@ def movie(
     *,
     place: Place,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help=".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif in the current folder."
-        ),
+        Path | None, ".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif in the current folder."
     ] = None,
     view: ViewOptions,
     film: FilmOptions,

@@ -62,35 +62,21 @@ def reproduce(
             autocompletion=complete_from(_papers),
         ),
     ],
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer realisations and shorter runs; omissions are reported.")
-    ] = False,
+    quick: Annotated[bool, "Fewer realisations and shorter runs; omissions are reported."] = False,
     full: Annotated[
-        bool,
-        typer.Option(
-            "--full", help="Gouge only: also velocity steps and other slides; the estimated hours are reported."
-        ),
+        bool, "Gouge only: also velocity steps and other slides; the estimated hours are reported."
     ] = False,
     paper_size: Annotated[
-        bool,
-        typer.Option(
-            "--paper-size",
-            help="Gouge only: 4800 grains as in the paper instead, a day on one core or minutes with --device cuda.",
-        ),
+        bool, "Gouge only: 4800 grains as in the paper instead, a day on one core or minutes with --device cuda."
     ] = False,
     realizations: Annotated[
-        int | None,
-        typer.Option("--realizations", min=1, metavar="N", help="With --paper-size: number of samples; default: 8."),
+        int | None, typer.Option(min=1, metavar="N", help="With --paper-size: number of samples; default: 8.")
     ] = None,
     samples: Annotated[
-        Path | None,
-        typer.Option(
-            "--samples",
-            help="With --paper-size: evaluate the samples stored in a folder; --realizations N adds to them.",
-        ),
+        Path | None, "With --paper-size: evaluate the samples stored in a folder; --realizations N adds to them."
     ] = None,
     out: Out = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all random velocities.")] = 0,
     processes: ProcessOptions,
     overwrite: Overwrite = False,
     drawing: FigureOptions,
@@ -179,15 +165,14 @@ def _reproduce_in(
 class SweepOptions(NamedTuple):
     """Options of sweeps."""
 
-    yes: Annotated[bool, typer.Option("--yes", help="Run a sweep with any number of members.")] = False
-    figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False
+    yes: Annotated[bool, "Run a sweep with any number of members."] = False
+    figures: Annotated[bool, "Draw figures of every member of a sweep."] = False
     part: Annotated[
-        str | None,
-        typer.Option("--part", metavar="K/N", help="Run the K-th of N parts of a sweep, for arrays of jobs."),
+        str | None, typer.Option(metavar="K/N", help="Run the K-th of N parts of a sweep, for arrays of jobs.")
     ] = None
     gather: Annotated[
         list[Path] | None,
-        typer.Option("--gather", help="Take finished members from the folder of a part; repeatable.", metavar="FOLDER"),
+        typer.Option(help="Take finished members from the folder of a part; repeatable.", metavar="FOLDER"),
     ] = None
 
     def numbers(self) -> tuple[int, int] | None:
@@ -204,19 +189,13 @@ class SweepOptions(NamedTuple):
 def run(
     *,
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, such as examples/disk_array.toml.")],
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for results; default: results/SCENARIO.")] = None,
+    out: Annotated[Path | None, "Folder for results; default: results/SCENARIO."] = None,
     engine: EngineOptions,
     export: Annotated[
-        Path | None,
-        typer.Option(
-            "--export", help="Write a folder that LAMMPS runs in a queue instead; read it back with stickslip resume."
-        ),
+        Path | None, "Write a folder that LAMMPS runs in a queue instead; read it back with stickslip resume."
     ] = None,
     compare: Annotated[
-        Path | None,
-        typer.Option(
-            "--compare", help="Table of a laboratory test, such as test.csv, to compare with an element test."
-        ),
+        Path | None, "Table of a laboratory test, such as test.csv, to compare with an element test."
     ] = None,
     processes: ProcessOptions,
     overwrite: Overwrite = False,
