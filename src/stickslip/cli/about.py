@@ -55,7 +55,7 @@ def example(
     known = bundled.names()
     paths = bundled.copy(*names or (), to=to, overwrite=overwrite) if names or every else []
     if output.as_json:
-        print(json_output.to_json(json_output.common_fields("example", files=paths) | {"examples": known}))
+        json_output.show("example", {"examples": known}, files=paths)
     elif output.quiet:
         print("\n".join(map(str, paths or known)))
     elif paths:
@@ -79,7 +79,7 @@ def docs(
 
     text = bundled.page(page) if page else "\n".join(bundled.pages())
     if as_json:
-        print(json_output.to_json(json_output.common_fields("docs") | {"pages": bundled.pages(), "text": text}))
+        json_output.show("docs", {"pages": bundled.pages(), "text": text})
     elif quiet:
         print(text)
     elif page:
@@ -101,7 +101,7 @@ def cite(
     if as_json:
         from ..runs import json_output
 
-        print(json_output.to_json(json_output.common_fields("cite") | {"bibtex": text}))
+        json_output.show("cite", {"bibtex": text})
     else:
         print(text, end="")
 
@@ -119,8 +119,7 @@ def doctor(
     with terminal.console_output(quiet=quiet, as_json=as_json):
         ok, text = examine(as_json=as_json)
     if as_json:
-        about = json_output.common_fields("doctor", status="finished" if ok else "failed")
-        print(json_output.to_json(about | json.loads(text)))
+        json_output.show("doctor", json.loads(text), status="finished" if ok else "failed")
     elif quiet:
         print(text)
     raise typer.Exit(0 if ok else 1)

@@ -1,6 +1,7 @@
 """Commands that run experiments: reproduce a paper, run a scenario or a sweep, resume a stopped run."""
 
 import sys
+from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -94,12 +95,11 @@ def reproduce(
             raise ValueError(f"{name} requires --paper-size, the only run with samples")
     from ..experiments.registry import papers
     from ..runs import folder as run_folder
-    from ..runs.folder import mark_look, mark_reproduction, reproduction_arguments
 
     more = {"full": full, "paper_size": paper_size, "realizations": realizations}
     more |= {"samples": samples and samples.absolute()}
     more = {name: value for name, value in more.items() if value}
-    if unknown := [name for name in more if name not in reproduction_arguments(experiment).model_fields]:
+    if unknown := [name for name in more if name not in run_folder.reproduction_arguments(experiment).model_fields]:
         raise ValueError(f"{experiment} has no --{unknown[0].replace('_', '-')}: leave it out")
     asked = {"quick": quick, "seed": seed} | more
     chosen = papers()[experiment].paper.scenario(**{name: value for name, value in asked.items() if name != "full"})
@@ -107,8 +107,8 @@ def reproduce(
     folder = out or Path("results") / (experiment + ("-quick" if quick else "-paper-size" if paper_size else ""))
     with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
-        mark_reproduction(folder, chosen, experiment, **asked)
-        mark_look(folder, chosen, look)
+        run_folder.mark_reproduction(folder, chosen, experiment, **asked)
+        run_folder.mark_look(folder, chosen, look)
         _reproduce_in("reproduce", folder, spread, output, look, experiment=experiment, **asked)
 
 
@@ -208,8 +208,8 @@ def run(
     from ..data.law_schema import check_law_files, trust_law_files
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
+    from ..reports import terminal
     from ..runs import folder as run_folder
-    from ..runs.folder import mark_look
 
     look = drawing.look()
     if out is not None and export is not None:
@@ -242,9 +242,11 @@ def run(
     spread = _choose_processes(processes, chosen)
     with _working_in(out, output):
         if draw and not overwrite and run_folder.is_finished(out, chosen):
-            return _compare_in(out, chosen, output, look, draw)
+            terminal.console.print(f"{out} is finished, and its results are used.", markup=False)
+            remarks = run_folder.write_comparison(out, chosen, draw, look)
+            return _report_finished("run", out, chosen, output, lambda: terminal.show_lines(remarks))
         run_folder.prepare_folder(out, chosen, overwrite=overwrite)
-        mark_look(out, chosen, look)
+        run_folder.mark_look(out, chosen, look)
         return _run_in("run", chosen, out, spread, output, look, draw)
 
 
@@ -253,11 +255,10 @@ def run_scenario(
 ) -> None:  # fmt: skip
     """Run a scenario in a folder, for a command; `begin` saves the input already read by the command."""
     from ..runs import folder as run_folder
-    from ..runs.folder import mark_look
 
     with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
-        mark_look(folder, chosen, look)
+        run_folder.mark_look(folder, chosen, look)
         begin()
         _run_in(command, chosen, folder, {}, output, look)
 
@@ -298,21 +299,6 @@ def _open_laboratory(chosen, path: Path):
     return experiment_of(chosen).overlay(chosen, path)
 
 
-def _compare_in(folder: Path, chosen, output: Output, look, draw) -> None:
-    """Compare a laboratory test with a finished run."""
-    from ..experiments.registry import list_files
-    from ..reports import terminal
-    from ..runs import json_output
-    from ..runs.folder import write_comparison
-
-    terminal.console.print(f"{folder} is finished, and its results are used.", markup=False)
-    remarks = write_comparison(folder, chosen, draw, look)
-    finish(
-        lambda: json_output.describe_finished_run("run", folder, chosen), list_files(folder),
-        lambda: terminal.show_lines(remarks), output,
-    )  # fmt: skip
-
-
 def _run_in(command: str, chosen, folder: Path, spread, output: Output, look, draw=None) -> None:
     """Run or continue a scenario in a folder, and draw comparisons."""
     from ..core.units import units_in_use
@@ -349,16 +335,23 @@ def resume(
 ) -> None:
     """Continue a stopped run: dynamics bit for bit, quasi-static steps to within the tolerance of the solver."""
     from ..data.law_schema import check_law_files, trust_law_files
+    from ..data.run_files import SCENARIO
+    from ..experiments.registry import read_scenario
     from ..reports import terminal
     from ..runs.folder import find_unfinished
 
+    def finished() -> None:
+        message = f"{folder} is finished: there is nothing to resume."
+        chosen = read_scenario(folder / SCENARIO)
+        _report_finished("resume", folder, chosen, output, lambda: terminal.console.print(message))
+
     with terminal.console_output(*output):
         if find_unfinished(folder) is None:
-            return _report_finished(folder, output)
+            return finished()
         with _working_in(folder, output):
             saved = find_unfinished(folder)  # again, because another process may have finished in between
             if saved is None:
-                return _report_finished(folder, output)
+                return finished()
             tables = saved.sweep or saved.scenario.model_dump()
             if trust:
                 trust_law_files(tables)
@@ -373,18 +366,12 @@ def resume(
             return _run_in("resume", saved.scenario, folder, spread, output, saved.look)
 
 
-def _report_finished(folder: Path, output: Output) -> None:
-    """Report that a run has finished, and list its files."""
-    from ..data.run_files import SCENARIO
-    from ..experiments.registry import list_files, read_scenario
-    from ..reports import terminal
+def _report_finished(command: str, folder: Path, chosen, output: Output, show: Callable[[], None]) -> None:
+    """Print the result of a command that found a run finished, and list its files."""
+    from ..experiments.registry import list_files
     from ..runs import json_output
 
-    message, paths = f"{folder} is finished: there is nothing to resume.", list_files(folder)
-    finish(
-        lambda: json_output.describe_finished_run("resume", folder, read_scenario(folder / SCENARIO)), paths,
-        lambda: terminal.console.print(message), output,
-    )  # fmt: skip
+    finish(lambda: json_output.describe_finished_run(command, folder, chosen), list_files(folder), show, output)
 
 
 def _run_sweep_in(

@@ -82,11 +82,7 @@ def fit(
         )  # fmt: skip
     paths = fit_report.write(out, result, look) if out else []
     if output.as_json:
-        print(
-            json_output.to_json(
-                json_output.common_fields("fit", files=paths, folder=out) | json.loads(fit_report.as_json(result))
-            )
-        )
+        json_output.show("fit", json.loads(fit_report.as_json(result)), files=paths, folder=out)
     elif output.quiet:
         print("\n".join(fit_report.conclusions(result)))
     else:
