@@ -223,22 +223,25 @@ def stability(
             if saved and saved.exists():
                 terminal.console.print(f"{saved}: the search saved there is continued if it belongs to this packing")
             result = analyse(state, its_law, method=method, dashpots=dashpots, saved=saved, report=tell)
-            more = None
+            parts: dict = {"calm": calm}
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):
                 from ..reports.details import compute_details
 
-                more = compute_details(state, its_law, result, report=tell)
-            cement = None
+                parts["more"] = compute_details(state, its_law, result, report=tell)
             if state.bonds and result.balanced:
                 from ..reports.details import compute_bonds
 
-                cement = compute_bonds(state, its_law)
-            form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
+                parts["bonds"] = compute_bonds(state, its_law)
+            if after:
+                parts["form"] = stability_report.find_birth_form(state, its_law, dashpots=dashpots)
             sure = position_error is not None and stability_report.find_probability(
                 state, its_law, position_error, dashpots=dashpots, report=tell
             )
-        why, paths = [] if result.balanced else stability_report.likely_causes(result, options.values(), notes), written
-        shape = stability_report.geometry(state) if stability_report.missing_parts(notes) else None
+        if not result.balanced:
+            parts["why"] = stability_report.likely_causes(result, options.values(), notes)
+        if stability_report.missing_parts(notes):
+            parts["shape"] = stability_report.geometry(state)
+        paths = written
         if modes or (not output.as_json and result.balanced and result.modes.shape[1]):
             paths = [stability_report.write_modes(shapes, result), *written]
     if output.as_json:
@@ -246,29 +249,15 @@ def stability(
 
         for line in notes:
             print(printable(f"stickslip: {line}"), file=sys.stderr)
-        verdict = stability_report.verdict(result, calm, notes)
-        about = json_output.common_fields("stability", files=paths) | {"notes": notes, "verdict": verdict}
+        about = {"notes": notes, "verdict": stability_report.verdict(result, calm, notes)}
         if sure:
             about |= {"position_error": stability_report.probability_dict(sure)}
-        found = stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape, bonds=cement)
-        print(json_output.to_json(about | found))
+        json_output.show("stability", about | stability_report.to_dict(result, notes=notes, **parts), files=paths)
     elif output.quiet:
         print(printable(stability_report.verdict(result, calm, notes)))
     else:
-        remedy = "" if settle else BARE if shape else REMEDY
-        stability_report.show(
-            result,
-            its_law,
-            notes,
-            more,
-            form,
-            calm=calm,
-            why=why,
-            remedy=remedy,
-            shape=shape,
-            state=state,
-            bonds=cement,
-        )
+        remedy = "" if settle else BARE if "shape" in parts else REMEDY
+        stability_report.show(result, its_law, notes, remedy=remedy, state=state, **parts)
         if sure:
             stability_report.show_probability(sure)
         if paths:
