@@ -16,7 +16,8 @@ from ...core.units import units_in_use
 from ...data.run_files import MEMBERS, NUMBERS, write_file
 from ...data.schema import field_at, split_unit
 from ...experiments.registry import EXPERIMENTS, SweepMember, scenario_class
-from ...figures.style import FORMATS, PLAIN, Look, render_all
+from ...figures.style import FORMATS, PLAIN, Look
+from ..folder import write_comparison_files
 from .axes import Axis, short_names
 from .definition import Sweep, member, values_of
 
@@ -153,11 +154,4 @@ def write_comparison(
         for k, output in enumerate(outputs)
     ]
     with units_in_use(member(chosen, 0).scenario.named_units):
-        found = experiment.compare(members)
-        for name, content in found.files.items():
-            if isinstance(content, str):
-                write_file(folder, name, content.encode())
-                continue
-            for each, image in render_all(name, content, look).items():
-                write_file(folder, each, image)
-    return found.remarks
+        return write_comparison_files(folder, experiment.compare(members), look)
