@@ -6,21 +6,10 @@ from typing import Annotated
 
 import typer
 
+from ..lazy import lazy_function
 from .app import AsJson, Output, command, complete_from, examples
 
-
-def _example_names() -> dict[str, str]:
-    from ..runs.bundled import names
-
-    return names()
-
-
-def _pages() -> dict[str, str]:
-    from ..runs.bundled import pages
-
-    return pages()
-
-
+EXAMPLE_NAMES, PAGE_NAMES = (lazy_function("stickslip.runs", f"bundled.{name}") for name in ("names", "pages"))
 CITE = examples(
     ("cite examples/gouge.toml", "for a scenario; > paper.bib saves them"),
     ("cite examples/rate_state_sweep.toml --json", "the same as one JSON object"),
@@ -39,7 +28,7 @@ def example(
     *,
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NAME]...", help="Examples to copy.", autocompletion=complete_from(_example_names)),
+        typer.Argument(metavar="[NAME]...", help="Examples to copy.", autocompletion=complete_from(EXAMPLE_NAMES)),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Copy all examples.")] = False,
     to: Annotated[Path, "Folder for the copies."] = Path("examples"),
@@ -68,7 +57,9 @@ def example(
 def docs(
     page: Annotated[
         str | None,
-        typer.Argument(metavar="[PAGE]", help="Page to show; default: a list.", autocompletion=complete_from(_pages)),
+        typer.Argument(
+            metavar="[PAGE]", help="Page to show; default: a list.", autocompletion=complete_from(PAGE_NAMES)
+        ),
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the Markdown text of the page.")] = False,
     as_json: AsJson = False,

@@ -144,11 +144,7 @@ class EngineOptions(NamedTuple):
     """Options for the engine that runs a scenario."""
 
     engine: Annotated[
-        str | None,
-        typer.Option(
-            help="stickslip or lammps, for flows and fault gouge; overrides the scenario.",
-            autocompletion=complete_from(ENGINES),
-        ),
+        str | None, "stickslip or lammps, for flows and fault gouge; overrides the scenario.", ENGINES
     ] = None
     ranks: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="MPI processes of LAMMPS; overrides the scenario.")
@@ -171,17 +167,17 @@ class ProcessOptions(NamedTuple):
     ] = None
     device: Annotated[
         str | None,
-        typer.Option(
-            help="cuda: run all realisations of gouge or of a sliding array side by side on a graphics processor.",
-            autocompletion=complete_from(DEVICES),
-        ),
+        "cuda: run all realisations of gouge or of a sliding array side by side on a graphics processor.",
+        DEVICES,
     ] = None
 
 
 def _as_option(name: str, annotation):
-    """Annotation of an option, which is named after its parameter unless it has a name; a text is its help."""
-    kind, about = annotation.__origin__, annotation.__metadata__[0]
-    about = typer.Option(help=about) if isinstance(about, str) else copy(about)
+    """Annotation of an option, which is named after its parameter unless it has a name."""
+    kind, (about, *choices) = annotation.__origin__, annotation.__metadata__
+    if isinstance(about, str):
+        about = typer.Option(help=about, autocompletion=complete_from(*choices) if choices else None)
+    about = copy(about)
     if isinstance(about, OptionInfo) and about.default is ...:  # in an annotation, the name takes the default's place
         about.param_decls = (f"--{name.replace('_', '-')}",)
     return Annotated[kind, about]
@@ -190,7 +186,8 @@ def _as_option(name: str, annotation):
 def command(**how):
     """Make a function a command; fields of its parameters that are NamedTuples become options.
 
-    `Annotated[bool, "Words."]` is an option named after its parameter, with these words as its help.
+    `Annotated[bool, "Words."]` is an option named after its parameter, with these words as its help; for shell
+    completion, values and their descriptions may follow.
     """
 
     def register(function):

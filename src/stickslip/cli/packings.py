@@ -9,18 +9,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from ..builtin_laws import BUILTIN_LAWS
-from .app import (
-    Output,
-    OverwriteFile,
-    Slides,
-    Trust,
-    command,
-    complete_from,
-    examples,
-    finish,
-    number_option,
-    numbers_by_name,
-)
+from .app import Output, OverwriteFile, Slides, Trust, command, examples, finish, number_option, numbers_by_name
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
@@ -78,25 +67,17 @@ class PackingOptions(NamedTuple):
 
     law: Annotated[
         str | None,
-        typer.Option(
-            help=f"{', '.join(law.name for law in BUILTIN_LAWS if not law.rescales)} (hertz_mindlin and "
-            "hertz_mindlin_reff also …_rescaled) or your own Python file; takes precedence over the law in FILE.",
-            autocompletion=complete_from(LAWS),
-        ),
+        f"{', '.join(law.name for law in BUILTIN_LAWS if not law.rescales)} (hertz_mindlin and "
+        "hertz_mindlin_reff also …_rescaled) or your own Python file; takes precedence over the law in FILE.",
+        LAWS,
     ] = None
-    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=complete_from(COULOMB))] = None
+    coulomb: Annotated[str | None, "smooth or sharp.", COULOMB] = None
     kn: Annotated[float | None, number_option(help="Normal stiffness.")] = None
     kt: Annotated[float | None, number_option(help="Tangential stiffness.")] = None
     mu: Annotated[float | None, number_option(help="Friction coefficient.")] = None
     young: Annotated[float | None, number_option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None
     poisson: Annotated[float | None, number_option(help="Poisson's ratio.")] = None
-    damping: Annotated[
-        str | None,
-        typer.Option(
-            help="velocity, mass_velocity, viscoelastic, tsuji or coeff_restitution.",
-            autocompletion=complete_from(DAMPING),
-        ),
-    ] = None
+    damping: Annotated[str | None, "velocity, mass_velocity, viscoelastic, tsuji or coeff_restitution.", DAMPING] = None
     damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None
     damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None
     parameter: Annotated[list[str] | None, "Another parameter of the law, such as work=1e-3 for jkr; repeatable."] = (
@@ -132,9 +113,7 @@ def in_units_of_packing(command):
 class MethodOptions(NamedTuple):
     """Options that select the eigenvalues to compute, and the method."""
 
-    method: Annotated[
-        str, typer.Option(help="auto, fastest, all, certify, dense or pairs.", autocompletion=complete_from(METHODS))
-    ] = "auto"
+    method: Annotated[str, "auto, fastest, all, certify, dense or pairs.", METHODS] = "auto"
     fastest: Annotated[bool, "Find the fastest-growing pair only."] = False
     every: Annotated[bool, typer.Option("--all", help="Find all complex pairs.")] = False
     certify: Annotated[bool, "Also certify the real eigenvalues; reports the estimated time first."] = False

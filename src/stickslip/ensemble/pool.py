@@ -92,10 +92,6 @@ def reach(workers: Workers) -> Spread:
         return Spread(slots, f"the Dask cluster at {client.scheduler.address}, {now}")
 
 
-def _describe(member: Member) -> str:
-    return member.failure or "done"
-
-
 @checked
 def run_members(
     function: Callable,
@@ -104,7 +100,7 @@ def run_members(
     workers: Workers = None,
     stage: str = "members",
     report: Report | None = None,
-    describe: Callable[[Member], str] = _describe,
+    describe: Callable[[Member], str] = lambda member: member.failure or "done",
     load: Callable[[int], Any] | None = None,
     save: Callable[[int, Any], None] | None = None,
     together: bool = False,

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from ...kit import FigureOptions, Out, Output, check_choice, command, complete_from, examples, number_option
+from ...kit import FigureOptions, Out, Output, check_choice, command, examples, number_option
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
@@ -24,7 +24,7 @@ FIT = examples(
 class ModelOptions(NamedTuple):
     """Options of the fitted law."""
 
-    law: Annotated[str, typer.Option(help="aging, slip or both.", autocompletion=complete_from(LAWS))] = "both"
+    law: Annotated[str, "aging, slip or both.", LAWS] = "both"
     stiffness: Annotated[float | None, number_option(help="Known stiffness, as friction per displacement [1/m].")] = (
         None
     )
@@ -35,9 +35,7 @@ class ModelOptions(NamedTuple):
     before: Annotated[float | None, number_option(help="Slip velocity before the record starts [m/s].")] = None
     detrend: Annotated[bool, "Also fit a trend, linear in displacement."] = False
     normal: Annotated[bool, "Include measured changes of normal stress."] = False
-    form: Annotated[str, typer.Option(help="logarithmic or regularized.", autocompletion=complete_from(FORMS))] = (
-        "logarithmic"
-    )
+    form: Annotated[str, "logarithmic or regularized.", FORMS] = "logarithmic"
     free: Annotated[str | None, "Also fit these: 'b2,dc2' (a second state), 'v1', 'trend_length', 'drift' …"] = None
 
     def fixed_values(self) -> dict[str, float]:

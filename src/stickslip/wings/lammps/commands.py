@@ -5,17 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ...kit import (
-    Output,
-    PackingOptions,
-    StoppedError,
-    check_choice,
-    command,
-    complete_from,
-    examples,
-    finish,
-    in_units_of_packing,
-)
+from ...kit import Output, PackingOptions, StoppedError, check_choice, command, examples, finish, in_units_of_packing
 
 METHODS = {
     "auto": "the fastest growth; for many grains only in equilibrium", "none": "no spectrum", "fastest": "always",
@@ -40,9 +30,7 @@ def watch(
         float | None, typer.Option(min=0, metavar="SECONDS", help="End when nothing has been written for this time.")
     ] = None,
     out: Annotated[Path | None, "Table; the page is next to it, with .html. Default: watch.csv in DIR."] = None,
-    method: Annotated[
-        str, typer.Option(help="auto, none, fastest, all, dense or pairs.", autocompletion=complete_from(METHODS))
-    ] = "auto",
+    method: Annotated[str, "auto, none, fastest, all, dense or pairs.", METHODS] = "auto",
     no_contacts: Annotated[bool, "Ignore dumps of contacts, as if none had slipped."] = False,
     overwrite: Annotated[bool, "Replace the table and the page."] = False,
     output: Output,

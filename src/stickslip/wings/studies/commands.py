@@ -50,9 +50,7 @@ def shear(
             autocompletion=complete_from(UNTIL),
         ),
     ] = "first-event",
-    mode: Annotated[
-        str, typer.Option(help="simple, pure, isotropic or uniaxial.", autocompletion=complete_from(MODES))
-    ] = "simple",
+    mode: Annotated[str, "simple, pure, isotropic or uniaxial.", MODES] = "simple",
     reverse: Annotated[bool, "Let the strain fall, with --until first-…: shear back or unload."] = False,
     step: Annotated[float | None, number_option(help="Largest strain step; default: 0.02 × overlap/diameter.")] = None,
     limit: Annotated[
