@@ -78,11 +78,6 @@ def write_sweep(folder: Path, chosen: Sweep, names: list[str], outputs: list[dic
     outputs : output of each member, `measures` {name: [value, unit]} and `seconds`; None if it is not finished
     failures : error message of each member, or an empty string
     """
-    write_file(folder, DATASET, bytes(build_dataset(chosen, names, outputs, failures).to_netcdf(engine="scipy")))
-
-
-def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], failures: list[str]) -> "xr.Dataset":
-    """Build the dataset of a sweep; arguments are those of `write_sweep`."""
     import xarray as xr
 
     kind, dims, coordinates = scenario_class(chosen.base), [], {}
@@ -110,7 +105,8 @@ def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], f
         "source": f"stickslip {__version__}",
         "sweep": chosen.text,
     } | ({"refusals": chosen.refusals} if chosen.refusals else {})
-    return xr.Dataset(variables, coordinates, about)
+    dataset = xr.Dataset(variables, coordinates, about)
+    write_file(folder, DATASET, bytes(dataset.to_netcdf(engine="scipy")))
 
 
 def _labels(axis: Axis) -> np.ndarray:
