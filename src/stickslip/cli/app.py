@@ -18,7 +18,7 @@ from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, NamedTuple, get_type_hints
+from typing import Annotated, NamedTuple, get_args, get_type_hints
 
 import typer
 from typer.models import OptionInfo
@@ -175,7 +175,9 @@ class ProcessOptions(NamedTuple):
 def _as_option(name: str, annotation):
     """Annotation of an option, which is named after its parameter unless it has a name."""
     kind, (about, *choices) = annotation.__origin__, annotation.__metadata__
-    if isinstance(about, str):
+    if isinstance(about, str) and float in (kind, *get_args(kind)):
+        about = number_option(help=about)
+    elif isinstance(about, str):
         about = typer.Option(help=about, autocompletion=complete_from(*choices) if choices else None)
     about = copy(about)
     if isinstance(about, OptionInfo) and about.default is ...:  # in an annotation, the name takes the default's place
@@ -187,7 +189,7 @@ def command(**how):
     """Make a function a command; fields of its parameters that are NamedTuples become options.
 
     `Annotated[bool, "Words."]` is an option named after its parameter, with these words as its help; for shell
-    completion, values and their descriptions may follow.
+    completion, values and their descriptions may follow. Numbers with a fraction are read as in files.
     """
 
     def register(function):

@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from ..builtin_laws import BUILTIN_LAWS
-from .app import Output, OverwriteFile, Slides, Trust, command, examples, finish, number_option, numbers_by_name
+from .app import Output, OverwriteFile, Slides, Trust, command, examples, finish, numbers_by_name
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
@@ -72,18 +72,18 @@ class PackingOptions(NamedTuple):
         LAWS,
     ] = None
     coulomb: Annotated[str | None, "smooth or sharp.", COULOMB] = None
-    kn: Annotated[float | None, number_option(help="Normal stiffness.")] = None
-    kt: Annotated[float | None, number_option(help="Tangential stiffness.")] = None
-    mu: Annotated[float | None, number_option(help="Friction coefficient.")] = None
-    young: Annotated[float | None, number_option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None
-    poisson: Annotated[float | None, number_option(help="Poisson's ratio.")] = None
+    kn: Annotated[float | None, "Normal stiffness."] = None
+    kt: Annotated[float | None, "Tangential stiffness."] = None
+    mu: Annotated[float | None, "Friction coefficient."] = None
+    young: Annotated[float | None, "Young's modulus, with --poisson instead of --kn, --kt."] = None
+    poisson: Annotated[float | None, "Poisson's ratio."] = None
     damping: Annotated[str | None, "velocity, mass_velocity, viscoelastic, tsuji or coeff_restitution.", DAMPING] = None
-    damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None
-    damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None
+    damping_n: Annotated[float | None, "Coefficient of the normal dashpots."] = None
+    damping_t: Annotated[float | None, "Coefficient of the tangential dashpots."] = None
     parameter: Annotated[list[str] | None, "Another parameter of the law, such as work=1e-3 for jkr; repeatable."] = (
         None
     )
-    i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None
+    i0: Annotated[float | None, "I0 in the moment of inertia I0 m R²: 0.4 for spheres."] = None
     frame: Annotated[str | None, "State to read from an archive, GSD file or dump."] = None
     contacts: Annotated[Path | None, "LAMMPS `dump local` with contact forces, or a table of measured forces."] = None
     columns: Annotated[str | None, 'Columns of --contacts: "i j dist … tx ty tz".'] = None
@@ -146,7 +146,7 @@ def stability(
     ] = False,
     after: Annotated[bool, "Also the course of the instability: bursts, or a lost contact."] = False,
     position_error: Annotated[
-        float | None, number_option(help="Also the probability of the verdict for this error of positions, in radii.")
+        float | None, "Also the probability of the verdict for this error of positions, in radii."
     ] = None,
     dashpots: Dashpots = True,
     output: Output,
@@ -254,7 +254,7 @@ def convert(
     modes: Annotated[Path | None, "Animate a mode that `stability` wrote."] = None,
     mode: Annotated[int, typer.Option(min=0, metavar="N", help="Number of the mode, fastest first.")] = 0,
     frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames per period.")] = 48,
-    amplitude: Annotated[float, number_option(help="Largest displacement over the radius.")] = 0.3,
+    amplitude: Annotated[float, "Largest displacement over the radius."] = 0.3,
     grow: Annotated[bool, "Include the growth of the mode."] = False,
     overwrite: OverwriteFile = False,
     output: Output,
@@ -411,7 +411,7 @@ class FilmOptions(NamedTuple):
     fps: Annotated[int, typer.Option(metavar="N", help="Frames per second; the movie of a run lasts 8 s.")] = 25
     whole: Annotated[bool, "Show all stages of a run; default: the last one."] = False
     frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames per period of a mode.")] = 48
-    amplitude: Annotated[float, number_option(help="Largest displacement over the radius.")] = 0.3
+    amplitude: Annotated[float, "Largest displacement over the radius."] = 0.3
     slides: Slides = False
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from ...kit import FigureOptions, Out, Output, check_choice, command, examples, number_option
+from ...kit import FigureOptions, Out, Output, check_choice, command, examples
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
@@ -25,14 +25,10 @@ class ModelOptions(NamedTuple):
     """Options of the fitted law."""
 
     law: Annotated[str, "aging, slip or both.", LAWS] = "both"
-    stiffness: Annotated[float | None, number_option(help="Known stiffness, as friction per displacement [1/m].")] = (
-        None
-    )
+    stiffness: Annotated[float | None, "Known stiffness, as friction per displacement [1/m]."] = None
     free_stiffness: Annotated[bool, "Also fit the stiffness."] = False
-    v0: Annotated[
-        float | None, number_option(help="Velocity at which friction is mu0; default: the first velocity [m/s].")
-    ] = None
-    before: Annotated[float | None, number_option(help="Slip velocity before the record starts [m/s].")] = None
+    v0: Annotated[float | None, "Velocity at which friction is mu0; default: the first velocity [m/s]."] = None
+    before: Annotated[float | None, "Slip velocity before the record starts [m/s]."] = None
     detrend: Annotated[bool, "Also fit a trend, linear in displacement."] = False
     normal: Annotated[bool, "Include measured changes of normal stress."] = False
     form: Annotated[str, "logarithmic or regularized.", FORMS] = "logarithmic"

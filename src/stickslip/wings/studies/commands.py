@@ -15,7 +15,6 @@ from ...kit import (
     complete_from,
     examples,
     in_units_of_packing,
-    number_option,
     run_scenario,
 )
 
@@ -52,12 +51,10 @@ def shear(
     ] = "first-event",
     mode: Annotated[str, "simple, pure, isotropic or uniaxial.", MODES] = "simple",
     reverse: Annotated[bool, "Let the strain fall, with --until first-…: shear back or unload."] = False,
-    step: Annotated[float | None, number_option(help="Largest strain step; default: 0.02 × overlap/diameter.")] = None,
-    limit: Annotated[
-        float | None, number_option(help="Strain at which the path ends in any case; default: 500 steps.")
-    ] = None,
+    step: Annotated[float | None, "Largest strain step; default: 0.02 × overlap/diameter."] = None,
+    limit: Annotated[float | None, "Strain at which the path ends in any case; default: 500 steps."] = None,
     drag: Annotated[
-        float | None, number_option(help="Drag that determines events [1/time]; default: 0.1 of the highest frequency.")
+        float | None, "Drag that determines events [1/time]; default: 0.1 of the highest frequency."
     ] = None,
     settle: Annotated[bool, "First bring the packing to rest under this law."] = False,
     out: Annotated[Path | None, "Folder for results; default: results/shear-FILE."] = None,
