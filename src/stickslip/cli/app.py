@@ -151,7 +151,9 @@ class EngineOptions(NamedTuple):
     ] = None
 
     def values(self) -> dict:
-        """Given values by name."""
+        """Given values by name; raise ValueError for an unknown engine."""
+        if self.engine is not None:
+            check_choice("engine", self.engine, ENGINES)
         return {name: value for name, value in self._asdict().items() if value is not None}
 
 

@@ -10,7 +10,6 @@ import typer
 
 from .app import (
     DEVICES,
-    ENGINES,
     EngineOptions,
     FailedError,
     FigureOptions,
@@ -223,8 +222,6 @@ def run(
         for name, given in (("export", export), ("compare", compare)):
             if given:
                 raise ValueError(f"--{name} does not apply to a sweep: {name} its members one by one")
-        if engine.engine is not None:
-            check_choice("engine", engine.engine, ENGINES)
         tables, spread = tables | engine.values(), _choose_processes(processes)
         with _working_in(out, output):
             options = {"overwrite": overwrite, "yes": sweeps.yes, "figures": sweeps.figures, "look": look}
@@ -441,14 +438,12 @@ def _with_engine(chosen, engine: EngineOptions):
     from ..data.schema import require_lammps_for_ranks
 
     given = engine.values()
-    if engine.engine is not None:
-        check_choice("engine", engine.engine, ENGINES)
-    for name in given:
-        if not hasattr(chosen, "engine"):
-            raise ValueError(
-                f'--{name} applies to the experiments "flow" and "gouge" only, not to {chosen.experiment!r}'
-            )
+    if not given:
+        return chosen
+    if not hasattr(chosen, "engine"):
+        raise ValueError(
+            f'--{next(iter(given))} applies to the experiments "flow" and "gouge" only, not to {chosen.experiment!r}'
+        )
     chosen = chosen.model_copy(update=given)
-    if given:
-        require_lammps_for_ranks(chosen.engine, chosen.ranks)
+    require_lammps_for_ranks(chosen.engine, chosen.ranks)
     return chosen
