@@ -75,7 +75,7 @@ class PageContent(NamedTuple):
 
 
 def packing_content(
-    file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False,
+    file: Path, *, modes: Path | None = None, options: dict, settle: bool = False,
     dashpots: bool = True, search: bool | None = True, zoom: Zoom = 1.0, report: Report = silent,
 ) -> PageContent:  # fmt: skip
     """Load a packing file with `read_packing`, together with its verdict and modes.
@@ -100,7 +100,7 @@ def packing_content(
     large = search is None and n * (3 if state.cell.dim == 2 else 6) > SEARCHED
     if modes is None and search is not False and not large:
         try:
-            result = stability(state, law, method=method, dashpots=dashpots, report=report)
+            result = stability(state, law, dashpots=dashpots, report=report)
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
         # modes of a packing out of equilibrium are not instabilities, so none is shown
