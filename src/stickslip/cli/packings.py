@@ -393,8 +393,8 @@ def _check_figure(path: Path, folder: Path | None, view: ViewOptions, verdict: b
         raise ValueError(f"{folder} is a run folder, for which --out must end in .html, got {path}")
     asked = {"modes": view.modes, "settle": view.settle or None, "colour": view.colour, "zoom": view.zoom}
     asked["verdict"] = verdict
-    for name in (name for name, value in asked.items() if value is not None):
-        raise ValueError(f"--{name} has no effect on --out {path}, which shows contact forces only: use .html")
+    if given := [name for name, value in asked.items() if value is not None]:
+        raise ValueError(f"--{given[0]} has no effect on --out {path}, which shows contact forces only: use .html")
 
 
 class FilmOptions(NamedTuple):

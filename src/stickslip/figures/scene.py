@@ -300,7 +300,9 @@ def view_data(
     frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str] | None = None, zoom: Zoom = 1.0
 ) -> dict:
     """Data for `view.js`, in which arrays are base64-encoded: float32 (int32 for i and j, uint8 for mode and size)."""
-    chosen = sorted({*_select_frames(frames), at})
+    size = max(40 * len(f.state.grains.radius) + 25 * len(f.contacts["i"]) for f in frames)
+    count = min(len(frames), max(2, int(MOST / size)))  # as many as fit on a page, evenly spaced, with both ends
+    chosen = sorted({at, *(round(k) for k in np.linspace(0, len(frames) - 1, count))})
     first, mode = frames[0], modes[0] if modes else None
     for translation, rotation, _ in modes:
         require_shape((len(first.state.grains.radius), 3), translation=translation, rotation=rotation)
@@ -334,13 +336,6 @@ def view_data(
         "colours": {name: _to_int(c) for name, c in LINES.items()} | {"kinds": [_to_int(c) for c in COLORS]},
         "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
     }  # fmt: skip
-
-
-def _select_frames(frames: list[Frame]) -> list[int]:
-    """Indices of as many evenly spaced frames as fit on a page, including the first and the last."""
-    size = max(40 * len(f.state.grains.radius) + 25 * len(f.contacts["i"]) for f in frames)
-    count = min(len(frames), max(2, int(MOST / size)))
-    return sorted({round(k) for k in np.linspace(0, len(frames) - 1, count)})
 
 
 def _describe_quantity(name: str, series: list[tuple[np.ndarray, str]]) -> dict:

@@ -301,7 +301,13 @@ def show(
     color = {True: "green", False: "red", None: "yellow"}[is_stable(result, notes)]
     console.print(verdict(result, None, notes), style=f"bold {color}")
     if not result.balanced:
-        _show_imbalance(result, why, remedy)
+        console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
+        for cause in why:
+            console.print(f"  - {cause}")
+        if remedy:
+            console.print(remedy)
+        if result.grows:
+            console.print(f"spectrum of the initial motion, no verdict: {result.motion}")
     if result.undamped:
         console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
         console.print(f"without dashpots: {result.undamped.motion}")
@@ -342,16 +348,6 @@ def _show_form(form: "BirthForm | str") -> None:
                 ratio = form.rates[k] / form.growth_rate
                 table.add_row(f"{form.amplitudes[k]:.4g}", f"{form.rates[k]:.4g}", f"{ratio:.3g}")
         show_table(table)
-
-
-def _show_imbalance(result: Stability, why, remedy: str) -> None:
-    console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
-    for cause in why:
-        console.print(f"  - {cause}")
-    if remedy:
-        console.print(remedy)
-    if result.grows:
-        console.print(f"spectrum of the initial motion, no verdict: {result.motion}")
 
 
 def describe_law(law: Law, state: State | None = None) -> str:
