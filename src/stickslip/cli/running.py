@@ -371,11 +371,11 @@ def _report_finished(command: str, folder: Path, chosen, output: Output, show: C
     finish(lambda: json_output.describe_finished_run(command, folder, chosen), list_files(folder), show, output)
 
 
-def _run_sweep_in(
-    command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, figures: bool, look,
-    overwrite: bool = False, part: tuple[int, int] | None = None, gather: list[Path] = (),
-) -> None:  # fmt: skip
-    """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1."""
+def _run_sweep_in(command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, **options) -> None:
+    """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1.
+
+    Options are those of `run_with_progress`.
+    """
     from ..runs import json_output
     from ..runs.sweep import run as sweep_run
     from ..runs.sweep.definition import sweep
@@ -383,22 +383,17 @@ def _run_sweep_in(
     chosen = sweep(**tables)
 
     def confirm() -> bool:
-        if yes or not sys.stdin.isatty() or output.as_json or output.quiet:
-            if not yes:
-                raise ValueError(f"the sweep has {chosen.count} members and there is no terminal to confirm: add --yes")
+        if yes:
             return True
+        if not sys.stdin.isatty() or output.as_json or output.quiet:
+            raise ValueError(f"the sweep has {chosen.count} members and there is no terminal to confirm: add --yes")
         return typer.confirm(f"Run {chosen.count} members?")
 
-    swept = sweep_run.run_with_progress(
-        chosen, out, **spread, overwrite=overwrite, figures=figures, look=look, confirm=confirm,
-        part=part, gather=gather,
-    )  # fmt: skip
+    swept = sweep_run.run_with_progress(chosen, out, **spread, confirm=confirm, **options)
     if swept is None:
         return print("nothing was run")
-    answer, sentence = (
-        json_output.describe_sweep(command, out, swept, sweep_run.ranges(swept)),
-        sweep_run.failure_summary(swept),
-    )
+    answer = json_output.describe_sweep(command, out, swept, sweep_run.ranges(swept))
+    sentence = sweep_run.failure_summary(swept)
     if sentence and output.as_json:
         raise FailedError(sentence, json_output.to_jsonable(answer))
     finish(lambda: answer, answer["files"], lambda: sweep_run.show(swept), output)
