@@ -23,7 +23,7 @@ from typing import Annotated, NamedTuple, get_args, get_type_hints
 import typer
 from typer.models import OptionInfo
 
-from .. import __version__
+from .. import __version__, reports, runs
 from ..extras import MissingExtraError
 from ..wing import MissingWingError
 
@@ -233,11 +233,12 @@ def examples(*pairs: tuple[str, str]) -> str:
 def commands_like(word: str, commands: list[str]) -> list[str]:
     """Commands, scenarios, public names or pages similar to an unknown command."""
     from ..experiments.registry import EXPERIMENTS, papers
-    from ..runs.bundled import headings, names
     from ..words import suggestions, with_rarest_parts
 
     plain = word.lower().replace("_", "-")
-    examples = {name.partition(".")[0].replace("_", "-"): name for name in names() if name.endswith(".toml")}
+    examples = {
+        name.partition(".")[0].replace("_", "-"): name for name in runs.bundled.names() if name.endswith(".toml")
+    }
     advice = {name: f"`stickslip {name}`" for name in commands}
     advice |= {name: f'`stickslip run SCENARIO` with experiment = "{name}"' for name in EXPERIMENTS}
     advice |= {name: f"`stickslip example {file}`, and `stickslip run`" for name, file in examples.items()}
@@ -250,7 +251,7 @@ def commands_like(word: str, commands: list[str]) -> list[str]:
     named = (one.rpartition(".")[2].replace("_", "-") for one in found if one.startswith("experiments."))
     experiments = [advice[name] for name in named if name in advice]
     in_python = [f"stickslip.{one} in Python" for one in found[:2] if not one.startswith("`")]
-    pages = [f"`stickslip docs {page}`" for page in with_rarest_parts(word, headings())]
+    pages = [f"`stickslip docs {page}`" for page in with_rarest_parts(word, runs.bundled.headings())]
     return typed[:2] or spelled or experiments[:2] or in_python or pages[:2]
 
 
@@ -266,16 +267,12 @@ def check_choice(name: str, got: str, allowed: Iterable[str]) -> None:
 def finish(answer: Callable[[], dict], paths: list[Path], show: Callable[[], None], output: Output) -> None:
     """Print the result of a command that writes files: a JSON object, only paths, or a summary and paths."""
     if output.as_json:
-        from ..runs import json_output
-
-        print(json_output.to_json(answer()))
+        print(runs.json_output.to_json(answer()))
     elif output.quiet:
         print("\n".join(map(str, paths)))
     else:
-        from ..reports import terminal
-
         show()
-        terminal.show_paths(paths)
+        reports.terminal.show_paths(paths)
 
 
 def _show_version(wanted: bool) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
+from .. import reports, runs
 from ..builtin_laws import BUILTIN_LAWS
 from .app import Output, OverwriteFile, Slides, Trust, command, examples, finish, numbers_by_name
 
@@ -164,8 +165,6 @@ def stability(
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings
     from ..loading.reading import read_packing
-    from ..reports import packing as stability_report
-    from ..reports import terminal
     from ..solve.freedom import equations_of_motion
     from ..solve.linear import FACTORS_UP_TO
     from ..solve.stability import DENSE_UP_TO
@@ -175,7 +174,7 @@ def stability(
     named = file if file.name.strip(".") else file.resolve()  # . and .. have no names
     shapes = modes or Path(f"{named.stem}-modes.npz")
     if modes or not output.as_json:
-        stability_report.check_modes(shapes, file, asked=modes is not None)
+        reports.packing.check_modes(shapes, file, asked=modes is not None)
     if matrices is not None:
         from ..data.exchange.frame import check_name, write_matrices
 
@@ -184,12 +183,12 @@ def stability(
         check_name(Path(matrices))
         if Path(matrices).absolute() == shapes.absolute():
             raise ValueError(f"--matrices and --modes name the same file {shapes}: give different names")
-    with terminal.console_output(*output):
-        with terminal.progress(transient=True) as tell:
+    with reports.terminal.console_output(*output):
+        with reports.terminal.progress(transient=True) as tell:
             (state, its_law, notes), said = capture_warnings(read_packing, file, **options.values())
             notes, calm = [*notes, *said], None
             if settle:
-                state, calm = stability_report.let_settle(state, its_law)
+                state, calm = reports.packing.let_settle(state, its_law)
                 notes.append(f"settled: {calm.how}")
             written = []
             if matrices:
@@ -197,51 +196,47 @@ def stability(
                 c = motion.damping if dashpots else type(motion.damping)(motion.damping.shape)
                 written = write_matrices(matrices, motion._replace(damping=c))
         large = 6 * len(state.grains.radius) > FACTORS_UP_TO
-        with terminal.progress(transient=not large) as tell:
+        with reports.terminal.progress(transient=not large) as tell:
             saved = Path(f"{named.stem}-search.npz") if large else None
             if saved and saved.exists():
-                terminal.console.print(f"{saved}: the search saved there is continued if it belongs to this packing")
+                reports.terminal.console.print(
+                    f"{saved}: the search saved there is continued if it belongs to this packing"
+                )
             result = analyse(state, its_law, method=method, dashpots=dashpots, saved=saved, report=tell)
             parts: dict = {"calm": calm}
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):
-                from ..reports.details import compute_details
-
-                parts["more"] = compute_details(state, its_law, result, report=tell)
+                parts["more"] = reports.details.compute_details(state, its_law, result, report=tell)
             if state.bonds and result.balanced:
-                from ..reports.details import compute_bonds
-
-                parts["bonds"] = compute_bonds(state, its_law)
+                parts["bonds"] = reports.details.compute_bonds(state, its_law)
             if after:
-                parts["form"] = stability_report.find_birth_form(state, its_law, dashpots=dashpots)
-            sure = position_error is not None and stability_report.find_probability(
+                parts["form"] = reports.packing.find_birth_form(state, its_law, dashpots=dashpots)
+            sure = position_error is not None and reports.packing.find_probability(
                 state, its_law, position_error, dashpots=dashpots, report=tell
             )
         if not result.balanced:
-            parts["why"] = stability_report.likely_causes(result, options.values(), notes)
-        if stability_report.missing_parts(notes):
-            parts["shape"] = stability_report.geometry(state)
+            parts["why"] = reports.packing.likely_causes(result, options.values(), notes)
+        if reports.packing.missing_parts(notes):
+            parts["shape"] = reports.packing.geometry(state)
         paths = written
         if modes or (not output.as_json and result.balanced and result.modes.shape[1]):
-            paths = [stability_report.write_modes(shapes, result), *written]
+            paths = [reports.packing.write_modes(shapes, result), *written]
     if output.as_json:
-        from ..runs import json_output
-
         for line in notes:
             print(printable(f"stickslip: {line}"), file=sys.stderr)
-        about = {"notes": notes, "verdict": stability_report.verdict(result, calm, notes)}
+        about = {"notes": notes, "verdict": reports.packing.verdict(result, calm, notes)}
         if sure:
-            about |= {"position_error": stability_report.probability_dict(sure)}
-        json_output.show("stability", about | stability_report.to_dict(result, notes=notes, **parts), files=paths)
+            about |= {"position_error": reports.packing.probability_dict(sure)}
+        runs.json_output.show("stability", about | reports.packing.to_dict(result, notes=notes, **parts), files=paths)
     elif output.quiet:
-        print(printable(stability_report.verdict(result, calm, notes)))
+        print(printable(reports.packing.verdict(result, calm, notes)))
     else:
         remedy = "" if settle else BARE if "shape" in parts else REMEDY
-        stability_report.show(result, its_law, notes, remedy=remedy, state=state, **parts)
+        reports.packing.show(result, its_law, notes, remedy=remedy, state=state, **parts)
         if sure:
-            stability_report.show_probability(sure)
+            reports.packing.show_probability(sure)
         if paths:
-            terminal.show_paths(paths)
-    if stability_report.is_stable(result, notes) is None:
+            reports.terminal.show_paths(paths)
+    if reports.packing.is_stable(result, notes) is None:
         raise typer.Exit(NO_VERDICT)
 
 
@@ -265,9 +260,8 @@ def convert(
     from ..data.sample import account_of
     from ..known import with_keys
     from ..loading.reading import convert
-    from ..reports import terminal
 
-    with terminal.console_output(*output):
+    with reports.terminal.console_output(*output):
         (paths, notes), said = capture_warnings(
             convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow,
             overwrite=overwrite, **options.values(),
@@ -278,16 +272,14 @@ def convert(
 
 def _finish_with_notes(command: str, paths: list[Path], fields: dict, output: Output) -> None:
     """Print the result of a command; its fields have notes and may have a verdict."""
-    from ..reports import terminal
-    from ..runs import json_output
 
     def show() -> None:
         if sentence := fields.get("verdict"):
-            terminal.console.print(sentence)
+            reports.terminal.console.print(sentence)
         for line in fields["notes"]:
-            terminal.console.print(line, style="yellow")
+            reports.terminal.console.print(line, style="yellow")
 
-    finish(lambda: json_output.common_fields(command, files=paths) | fields, paths, show, output)
+    finish(lambda: runs.json_output.common_fields(command, files=paths) | fields, paths, show, output)
 
 
 REPORT = examples(
@@ -363,27 +355,25 @@ def report(
     """
     from ..data.run_files import PAGE
     from ..figures.style import FORMATS
-    from ..reports import page, terminal
-    from ..runs.page import is_run, load_content
 
-    path, zoom = out or page.default_path(place, PAGE), view.enlargement()
+    path, zoom = out or reports.page.default_path(place, PAGE), view.enlargement()
     figures = tuple(f".{kind}" for kind in FORMATS)
     made_from = _input_files(place, view, options)
-    page.check_output(path, (".html", ".htm", *figures), overwrite=overwrite, made_from=made_from)
+    reports.page.check_output(path, (".html", ".htm", *figures), overwrite=overwrite, made_from=made_from)
     if path.suffix.lower() in figures:
-        _check_figure(path, place if is_run(place) else None, view, verdict)
-        with terminal.console_output(*output):
-            notes = page.write_forces(place, path, options.values())
+        _check_figure(path, place if runs.page.is_run(place) else None, view, verdict)
+        with reports.terminal.console_output(*output):
+            notes = reports.page.write_forces(place, path, options.values())
         _finish_with_notes("report", [path], {"verdict": None, "notes": notes}, output)
         return
-    with terminal.console_output(*output), terminal.progress(transient=True) as tell:
-        content = load_content(
+    with reports.terminal.console_output(*output), reports.terminal.progress(transient=True) as tell:
+        content = runs.page.load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, dashpots=dashpots, report=tell,
             search=verdict, trust=view.trust, zoom=zoom,
         )  # fmt: skip
-        page.write_page(content, path, colour=view.colour, zoom=zoom)
+        reports.page.write_page(content, path, colour=view.colour, zoom=zoom)
     notes = [content.warning] if content.warning else []
-    notes += page.notes_on_view(content, zoom)
+    notes += reports.page.notes_on_view(content, zoom)
     _finish_with_notes("report", [path], {"verdict": content.verdict or None, "notes": notes}, output)
 
 
@@ -431,18 +421,18 @@ def movie(
 ) -> None:
     """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
     from ..data.run_files import FILM
-    from ..reports import page, terminal
-    from ..runs.page import is_run, load_content
 
-    path, zoom = out or page.default_path(place, FILM), view.enlargement()
-    page.check_output(path, page.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options))
-    page.film.check_movie(path, film.fps)
-    with terminal.console_output(*output), terminal.progress(transient=True) as tell:
-        content = load_content(
+    path, zoom = out or reports.page.default_path(place, FILM), view.enlargement()
+    reports.page.check_output(
+        path, reports.page.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options)
+    )
+    reports.page.film.check_movie(path, film.fps)
+    with reports.terminal.console_output(*output), reports.terminal.progress(transient=True) as tell:
+        content = runs.page.load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, report=tell,
-            search=film.mode is not None or not is_run(place), trust=view.trust,
+            search=film.mode is not None or not runs.page.is_run(place), trust=view.trust,
         )  # fmt: skip
-        away = page.write_movie(
+        away = reports.page.write_movie(
             content, path, colour=view.colour, fps=film.fps, count=film.frames, amplitude=film.amplitude,
             mode=film.mode, whole=film.whole, zoom=zoom, slides=film.slides, report=tell,
         )  # fmt: skip

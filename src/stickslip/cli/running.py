@@ -8,6 +8,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
+from .. import reports, runs
 from .app import (
     DEVICES,
     EngineOptions,
@@ -93,21 +94,20 @@ def reproduce(
         if value and not paper_size:
             raise ValueError(f"{name} requires --paper-size, the only run with samples")
     from ..experiments.registry import papers
-    from ..runs import folder as run_folder
 
     more = {"full": full, "paper_size": paper_size, "realizations": realizations}
     more |= {"samples": samples and samples.absolute()}
     more = {name: value for name, value in more.items() if value}
-    if unknown := [name for name in more if name not in run_folder.reproduction_arguments(experiment).model_fields]:
+    if unknown := [name for name in more if name not in runs.folder.reproduction_arguments(experiment).model_fields]:
         raise ValueError(f"{experiment} has no --{unknown[0].replace('_', '-')}: leave it out")
     asked = {"quick": quick, "seed": seed} | more
     chosen = papers()[experiment].paper.scenario(**{name: value for name, value in asked.items() if name != "full"})
     spread = _choose_processes(processes, chosen)
     folder = out or Path("results") / (experiment + ("-quick" if quick else "-paper-size" if paper_size else ""))
     with _working_in(folder, output):
-        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
-        run_folder.mark_reproduction(folder, chosen, experiment, **asked)
-        run_folder.mark_look(folder, chosen, look)
+        runs.folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        runs.folder.mark_reproduction(folder, chosen, experiment, **asked)
+        runs.folder.mark_look(folder, chosen, look)
         _reproduce_in("reproduce", folder, spread, output, look, experiment=experiment, **asked)
 
 
@@ -116,9 +116,8 @@ def _working_in(folder: Path, output: Output):
     """Lock a run folder and direct the output; after ctrl-C or SIGTERM, print the command that continues the run."""
     from ..data.checkpoint import is_worth_resuming
     from ..data.run_files import lock_folder, resume_command
-    from ..reports import terminal
 
-    with terminal.console_output(*output), lock_folder(folder):
+    with reports.terminal.console_output(*output), lock_folder(folder):
         try:
             yield
         except KeyboardInterrupt as problem:
@@ -131,10 +130,9 @@ def _working_in(folder: Path, output: Output):
 def _note_levels(folder: Path) -> None:
     """Print a note on checkpoints computed by the core for other processors."""
     from ..data.checkpoint import note_on_levels
-    from ..reports import terminal
 
     if note := note_on_levels(folder):
-        terminal.console.print(note, style="yellow")
+        reports.terminal.console.print(note, style="yellow")
 
 
 def _reproduce_in(
@@ -142,22 +140,18 @@ def _reproduce_in(
 ) -> None:  # fmt: skip
     """Run or continue a paper's experiment in a folder."""
     from ..experiments.registry import papers
-    from ..reports import terminal
-    from ..reports.claims import show_claims
-    from ..runs import json_output
-    from ..runs.folder import write_reproduction
 
     chosen = papers()[experiment]
     if quick:
-        terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
+        reports.terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
     _note_levels(folder)
-    with convert_errors(), terminal.progress() as tell:
+    with convert_errors(), reports.terminal.progress() as tell:
         reproduction = chosen.paper.reproduce(quick=quick, **asked, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = write_reproduction(folder, chosen, reproduction, look)
+        paths = runs.folder.write_reproduction(folder, chosen, reproduction, look)
     finish(
-        lambda: json_output.describe_run(command, folder, reproduction.main, paths, reproduction.claims), paths,
-        lambda: show_claims(reproduction.claims, chosen.paper.shows()), output,
+        lambda: runs.json_output.describe_run(command, folder, reproduction.main, paths, reproduction.claims), paths,
+        lambda: reports.claims.show_claims(reproduction.claims, chosen.paper.shows()), output,
     )  # fmt: skip
 
 
@@ -207,8 +201,6 @@ def run(
     from ..data.law_schema import check_law_files, trust_law_files
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
-    from ..reports import terminal
-    from ..runs import folder as run_folder
 
     look = drawing.look()
     if out is not None and export is not None:
@@ -238,12 +230,12 @@ def run(
     check_law_files(chosen.model_dump())
     spread = _choose_processes(processes, chosen)
     with _working_in(out, output):
-        if draw and not overwrite and run_folder.is_finished(out, chosen):
-            terminal.console.print(f"{out} is finished, and its results are used.", markup=False)
-            remarks = run_folder.write_comparison(out, chosen, draw, look)
-            return _report_finished("run", out, chosen, output, lambda: terminal.show_lines(remarks))
-        run_folder.prepare_folder(out, chosen, overwrite=overwrite)
-        run_folder.mark_look(out, chosen, look)
+        if draw and not overwrite and runs.folder.is_finished(out, chosen):
+            reports.terminal.console.print(f"{out} is finished, and its results are used.", markup=False)
+            remarks = runs.folder.write_comparison(out, chosen, draw, look)
+            return _report_finished("run", out, chosen, output, lambda: reports.terminal.show_lines(remarks))
+        runs.folder.prepare_folder(out, chosen, overwrite=overwrite)
+        runs.folder.mark_look(out, chosen, look)
         return _run_in("run", chosen, out, spread, output, look, draw)
 
 
@@ -251,11 +243,9 @@ def run_scenario(
     command: str, chosen, folder: Path, output: Output, look, *, overwrite: bool = False, begin=lambda: None
 ) -> None:  # fmt: skip
     """Run a scenario in a folder, for a command; `begin` saves the input already read by the command."""
-    from ..runs import folder as run_folder
-
     with _working_in(folder, output):
-        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
-        run_folder.mark_look(folder, chosen, look)
+        runs.folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        runs.folder.mark_look(folder, chosen, look)
         begin()
         _run_in(command, chosen, folder, {}, output, look)
 
@@ -265,21 +255,19 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
     from ..data.checkpoint import checkpoint_in
     from ..data.run_files import resume_command
     from ..experiments.registry import experiment_of
-    from ..reports import terminal
-    from ..runs import folder as run_folder
-    from ..runs import json_output
 
     write = experiment_of(chosen).export
     if write is None or chosen.engine != "lammps":
         what = f"experiment = {chosen.experiment!r}" if write is None else f"engine = {chosen.engine!r}"
         raise ValueError(f"--export writes flows and fault gouge for LAMMPS, not {what}; add --engine lammps")
     with _working_in(folder, output):
-        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        runs.folder.prepare_folder(folder, chosen, overwrite=overwrite)
         paths = write(chosen, folder)
         checkpoint_in(folder, chosen).announce()
     message = f"Submit job.slurm, or run sh run.sh; then {resume_command(folder)}."
     finish(
-        lambda: json_output.common_fields("run", files=paths), paths, lambda: terminal.console.print(message), output
+        lambda: runs.json_output.common_fields("run", files=paths), paths,
+        lambda: reports.terminal.console.print(message), output,
     )  # fmt: skip
 
 
@@ -300,26 +288,23 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output, look, dr
     """Run or continue a scenario in a folder, and draw comparisons."""
     from ..core.units import units_in_use
     from ..experiments.registry import experiment_of, list_files
-    from ..reports import terminal
-    from ..runs import json_output
-    from ..runs.folder import write_comparison, write_result
 
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
     _note_levels(folder)
-    with convert_errors(), terminal.progress() as tell:
+    with convert_errors(), reports.terminal.progress() as tell:
         result = experiment.simulate(chosen, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths, remarks = write_result(folder, experiment, result, look), ()
+        paths, remarks = runs.folder.write_result(folder, experiment, result, look), ()
         if draw:
-            remarks, paths = write_comparison(folder, chosen, draw, look), list_files(folder)
+            remarks, paths = runs.folder.write_comparison(folder, chosen, draw, look), list_files(folder)
 
     def show() -> None:
         experiment.show(result)
-        terminal.show_lines(remarks)
+        reports.terminal.show_lines(remarks)
 
     with units_in_use(chosen.named_units):
-        finish(lambda: json_output.describe_run(command, folder, result, paths), paths, show, output)
+        finish(lambda: runs.json_output.describe_run(command, folder, result, paths), paths, show, output)
 
 
 @command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")
@@ -334,19 +319,17 @@ def resume(
     from ..data.law_schema import check_law_files, trust_law_files
     from ..data.run_files import SCENARIO
     from ..experiments.registry import read_scenario
-    from ..reports import terminal
-    from ..runs.folder import find_unfinished
 
     def finished() -> None:
         message = f"{folder} is finished: there is nothing to resume."
         chosen = read_scenario(folder / SCENARIO)
-        _report_finished("resume", folder, chosen, output, lambda: terminal.console.print(message))
+        _report_finished("resume", folder, chosen, output, lambda: reports.terminal.console.print(message))
 
-    with terminal.console_output(*output):
-        if find_unfinished(folder) is None:
+    with reports.terminal.console_output(*output):
+        if runs.folder.find_unfinished(folder) is None:
             return finished()
         with _working_in(folder, output):
-            saved = find_unfinished(folder)  # again, because another process may have finished in between
+            saved = runs.folder.find_unfinished(folder)  # again, because another process may have finished in between
             if saved is None:
                 return finished()
             tables = saved.sweep or saved.scenario.model_dump()
@@ -366,9 +349,8 @@ def resume(
 def _report_finished(command: str, folder: Path, chosen, output: Output, show: Callable[[], None]) -> None:
     """Print the result of a command that found a run finished, and list its files."""
     from ..experiments.registry import list_files
-    from ..runs import json_output
 
-    finish(lambda: json_output.describe_finished_run(command, folder, chosen), list_files(folder), show, output)
+    finish(lambda: runs.json_output.describe_finished_run(command, folder, chosen), list_files(folder), show, output)
 
 
 def _run_sweep_in(command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, **options) -> None:
@@ -376,7 +358,6 @@ def _run_sweep_in(command: str, tables: dict, out: Path, spread, output: Output,
 
     Options are those of `run_with_progress`.
     """
-    from ..runs import json_output
     from ..runs.sweep import run as sweep_run
     from ..runs.sweep.definition import sweep
 
@@ -392,10 +373,10 @@ def _run_sweep_in(command: str, tables: dict, out: Path, spread, output: Output,
     swept = sweep_run.run_with_progress(chosen, out, **spread, confirm=confirm, **options)
     if swept is None:
         return print("nothing was run")
-    answer = json_output.describe_sweep(command, out, swept, sweep_run.ranges(swept))
+    answer = runs.json_output.describe_sweep(command, out, swept, sweep_run.ranges(swept))
     sentence = sweep_run.failure_summary(swept)
     if sentence and output.as_json:
-        raise FailedError(sentence, json_output.to_jsonable(answer))
+        raise FailedError(sentence, runs.json_output.to_jsonable(answer))
     finish(lambda: answer, answer["files"], lambda: sweep_run.show(swept), output)
     if sentence:
         raise RuntimeError(sentence)
