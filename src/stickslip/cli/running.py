@@ -233,7 +233,7 @@ def run(
         if draw and not overwrite and runs.folder.is_finished(out, chosen):
             reports.terminal.console.print(f"{out} is finished, and its results are used.", markup=False)
             remarks = runs.folder.write_comparison(out, chosen, draw, look)
-            return _report_finished("run", out, chosen, output, lambda: reports.terminal.show_lines(remarks))
+            return _report_finished("run", out, output, lambda: reports.terminal.show_lines(remarks), chosen)
         runs.folder.prepare_folder(out, chosen, overwrite=overwrite)
         runs.folder.mark_look(out, chosen, look)
         return _run_in("run", chosen, out, spread, output, look, draw)
@@ -317,13 +317,10 @@ def resume(
 ) -> None:
     """Continue a stopped run: dynamics bit for bit, quasi-static steps to within the tolerance of the solver."""
     from ..data.law_schema import check_law_files, trust_law_files
-    from ..data.run_files import SCENARIO
-    from ..experiments.registry import read_scenario
 
     def finished() -> None:
         message = f"{folder} is finished: there is nothing to resume."
-        chosen = read_scenario(folder / SCENARIO)
-        _report_finished("resume", folder, chosen, output, lambda: reports.terminal.console.print(message))
+        _report_finished("resume", folder, output, lambda: reports.terminal.console.print(message))
 
     with reports.terminal.console_output(*output):
         if runs.folder.find_unfinished(folder) is None:
@@ -346,11 +343,16 @@ def resume(
             return _run_in("resume", saved.scenario, folder, spread, output, saved.look)
 
 
-def _report_finished(command: str, folder: Path, chosen, output: Output, show: Callable[[], None]) -> None:
+def _report_finished(command: str, folder: Path, output: Output, show: Callable[[], None], chosen=None) -> None:
     """Print the result of a command that found a run finished, and list its files."""
-    from ..experiments.registry import list_files
+    from ..data.run_files import SCENARIO
+    from ..experiments.registry import list_files, read_scenario
 
-    finish(lambda: runs.json_output.describe_finished_run(command, folder, chosen), list_files(folder), show, output)
+    def answer() -> dict:
+        scenario = read_scenario(folder / SCENARIO) if chosen is None else chosen
+        return runs.json_output.describe_finished_run(command, folder, scenario)
+
+    finish(answer, list_files(folder), show, output)
 
 
 def _run_sweep_in(command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, **options) -> None:
