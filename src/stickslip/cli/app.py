@@ -13,7 +13,6 @@ import unicodedata
 import warnings
 from collections.abc import Callable, Iterable
 from contextlib import contextmanager
-from copy import copy
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, Signature, signature
@@ -21,7 +20,6 @@ from pathlib import Path
 from typing import Annotated, NamedTuple, get_args, get_type_hints
 
 import typer
-from typer.models import OptionInfo
 
 from .. import __version__, reports, runs
 from ..extras import MissingExtraError
@@ -175,16 +173,15 @@ class ProcessOptions(NamedTuple):
 
 
 def _as_option(name: str, annotation):
-    """Annotation of an option, which is named after its parameter unless it has a name."""
-    kind, (about, *choices) = annotation.__origin__, annotation.__metadata__
-    if isinstance(about, str) and float in (kind, *get_args(kind)):
-        about = number_option(help=about)
-    elif isinstance(about, str):
-        about = typer.Option(help=about, autocompletion=complete_from(*choices) if choices else None)
-    about = copy(about)
-    if isinstance(about, OptionInfo) and about.default is ...:  # in an annotation, the name takes the default's place
-        about.param_decls = (f"--{name.replace('_', '-')}",)
-    return Annotated[kind, about]
+    """Annotation of an option named after its parameter, made from a type and a text; unchanged without a text."""
+    kind, (about, *choices) = getattr(annotation, "__origin__", None), getattr(annotation, "__metadata__", (None,))
+    if not isinstance(about, str):
+        return annotation
+    option = f"--{name.replace('_', '-')}"
+    if float in (kind, *get_args(kind)):
+        return Annotated[kind, number_option(option, help=about)]
+    completion = complete_from(*choices) if choices else None
+    return Annotated[kind, typer.Option(option, help=about, autocompletion=completion)]
 
 
 def command(**how):
