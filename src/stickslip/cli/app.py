@@ -24,6 +24,7 @@ import typer
 from .. import __version__, reports, runs
 from ..extras import MissingExtraError
 from ..wing import MissingWingError
+from ..words import options_like, suggestions, with_rarest_parts
 
 DEVICES = {"cuda": "an NVIDIA graphics processor, with the extra gpu"}
 ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
@@ -230,7 +231,6 @@ def examples(*pairs: tuple[str, str]) -> str:
 def commands_like(word: str, commands: list[str]) -> list[str]:
     """Commands, scenarios, public names or pages similar to an unknown command."""
     from ..experiments.registry import EXPERIMENTS, papers
-    from ..words import suggestions, with_rarest_parts
 
     plain = word.lower().replace("_", "-")
     examples = {
@@ -379,8 +379,6 @@ def _usage_message(problem) -> str:
     word, context = getattr(problem, "option_name", ""), getattr(problem, "ctx", None)
     if not (word and context and hasattr(problem, "possibilities")):
         return problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them"
-    from ..words import options_like
-
     options = [one[2:] for part in context.command.params for one in part.opts if one.startswith("--")]
     near = " or ".join(f"--{one}" for one in options_like(word, options))
     hint = f"did you mean {near}? " if near else ""

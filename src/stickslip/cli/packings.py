@@ -10,6 +10,8 @@ import typer
 
 from .. import reports, runs
 from ..builtin_laws import BUILTIN_LAWS
+from ..data.run_files import FILM, PAGE
+from ..known import with_keys
 from .app import Output, OverwriteFile, Slides, Trust, command, examples, finish, numbers_by_name
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
@@ -258,7 +260,6 @@ def convert(
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
     from ..data.exchange.files import capture_warnings
     from ..data.sample import account_of
-    from ..known import with_keys
     from ..loading.reading import convert
 
     with reports.terminal.console_output(*output):
@@ -353,7 +354,6 @@ def report(
     With --out NAME.pdf, .png or .svg, write only the figure of the contact forces in a packing, or of measured forces:
     their distribution, force chains, the strong network, and the anisotropies of contacts and forces.
     """
-    from ..data.run_files import PAGE
     from ..figures.style import FORMATS
 
     path, zoom = out or reports.page.default_path(place, PAGE), view.enlargement()
@@ -420,8 +420,6 @@ def movie(
     options: PackingOptions,
 ) -> None:
     """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
-    from ..data.run_files import FILM
-
     path, zoom = out or reports.page.default_path(place, FILM), view.enlargement()
     reports.page.check_output(
         path, reports.page.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options)

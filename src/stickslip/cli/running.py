@@ -8,7 +8,8 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from .. import reports, runs
+from .. import ensemble, reports, runs
+from ..data.run_files import SCENARIO, lock_folder, resume_command
 from .app import (
     DEVICES,
     EngineOptions,
@@ -115,7 +116,6 @@ def reproduce(
 def _working_in(folder: Path, output: Output):
     """Lock a run folder and direct the output; after ctrl-C or SIGTERM, print the command that continues the run."""
     from ..data.checkpoint import is_worth_resuming
-    from ..data.run_files import lock_folder, resume_command
 
     with reports.terminal.console_output(*output), lock_folder(folder):
         try:
@@ -253,7 +253,6 @@ def run_scenario(
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
     """Write LAMMPS input to a folder, in which `stickslip resume` continues once LAMMPS has run."""
     from ..data.checkpoint import checkpoint_in
-    from ..data.run_files import resume_command
     from ..experiments.registry import experiment_of
 
     write = experiment_of(chosen).export
@@ -345,7 +344,6 @@ def resume(
 
 def _report_finished(command: str, folder: Path, output: Output, show: Callable[[], None], chosen=None) -> None:
     """Print the result of a command that found a run finished, and list its files."""
-    from ..data.run_files import SCENARIO
     from ..experiments.registry import list_files, read_scenario
 
     def answer() -> dict:
@@ -400,14 +398,12 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
         open_device(device)
     if scheduler is None:
         return {"workers": workers} | ({"device": device} if device else {})
-    from ..ensemble import reach
-
     if chosen and not experiment_of(chosen).parallel:
         raise ValueError(f"--scheduler requires several runs, but experiment = {chosen.experiment!r} is a single one")
     if workers is not None or device is not None:
         other = "workers" if device is None else "device"
         raise ValueError(f"--{other} and --scheduler exclude each other: a cluster has its own workers")
-    reach(scheduler)
+    ensemble.reach(scheduler)
     return {"workers": scheduler}
 
 
