@@ -82,7 +82,7 @@ Terminal and command line
 
     console, new_table, show_table, progress, terminal      terminal
     json_output                 JSON answers of commands
-    command, examples, Out, Output, FigureOptions, PackingOptions       commands and their options
+    command, examples, Out, Output, FigureOptions, PackingFile, PackingOptions      commands and their options
     number_option, check_choice, complete_from, finish, in_units_of_packing, StoppedError       details of commands
 
 Figures

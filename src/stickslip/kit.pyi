@@ -12,6 +12,7 @@ from .cli.app import complete_from as complete_from
 from .cli.app import examples as examples
 from .cli.app import finish as finish
 from .cli.app import number_option as number_option
+from .cli.packings import PackingFile as PackingFile
 from .cli.packings import PackingOptions as PackingOptions
 from .cli.packings import in_units_of_packing as in_units_of_packing
 from .cli.running import run_scenario as run_scenario

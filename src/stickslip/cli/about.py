@@ -6,20 +6,8 @@ from typing import Annotated
 
 import typer
 
+from .. import reports, runs
 from .app import AsJson, Output, command, complete_from, examples
-
-
-def _example_names() -> dict[str, str]:
-    from ..runs.bundled import names
-
-    return names()
-
-
-def _pages() -> dict[str, str]:
-    from ..runs.bundled import pages
-
-    return pages()
-
 
 CITE = examples(
     ("cite examples/gouge.toml", "for a scenario; > paper.bib saves them"),
@@ -39,53 +27,53 @@ def example(
     *,
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NAME]...", help="Examples to copy.", autocompletion=complete_from(_example_names)),
+        typer.Argument(
+            metavar="[NAME]...", help="Examples to copy.", autocompletion=complete_from(lambda: runs.bundled.names())
+        ),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Copy all examples.")] = False,
-    to: Annotated[Path, typer.Option("--to", help="Folder for the copies.")] = Path("examples"),
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files.")] = False,
+    to: Annotated[Path, "Folder for the copies."] = Path("examples"),
+    overwrite: Annotated[bool, "Replace files."] = False,
     output: Output,
 ) -> None:
     """List the examples that come with the package, or copy them: scenarios, packings, laws, LAMMPS input."""
-    from ..reports import terminal
-    from ..runs import bundled, json_output
-
     if names and every:
         raise ValueError("give either --all or names, not both")
-    known = bundled.names()
-    paths = bundled.copy(*names or (), to=to, overwrite=overwrite) if names or every else []
+    known = runs.bundled.names()
+    paths = runs.bundled.copy(*names or (), to=to, overwrite=overwrite) if names or every else []
     if output.as_json:
-        print(json_output.to_json(json_output.common_fields("example", files=paths) | {"examples": known}))
+        runs.json_output.show("example", {"examples": known}, files=paths)
     elif output.quiet:
         print("\n".join(map(str, paths or known)))
     elif paths:
-        terminal.show_paths(paths)
+        reports.terminal.show_paths(paths)
     else:
-        terminal.show_pairs("Examples: stickslip example NAME copies one, --all copies all", known)
+        reports.terminal.show_pairs("Examples: stickslip example NAME copies one, --all copies all", known)
 
 
 @command(epilog=DOCS, short_help="Read the documentation: keys of scenarios, laws, LAMMPS.")
 def docs(
     page: Annotated[
         str | None,
-        typer.Argument(metavar="[PAGE]", help="Page to show; default: a list.", autocompletion=complete_from(_pages)),
+        typer.Argument(
+            metavar="[PAGE]",
+            help="Page to show; default: a list.",
+            autocompletion=complete_from(lambda: runs.bundled.pages()),
+        ),
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the Markdown text of the page.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Show a page of the documentation: the keys of every scenario, contact laws, files of other programs."""
-    from ..reports import terminal
-    from ..runs import bundled, json_output
-
-    text = bundled.page(page) if page else "\n".join(bundled.pages())
+    text = runs.bundled.page(page) if page else "\n".join(runs.bundled.pages())
     if as_json:
-        print(json_output.to_json(json_output.common_fields("docs") | {"pages": bundled.pages(), "text": text}))
+        runs.json_output.show("docs", {"pages": runs.bundled.pages(), "text": text})
     elif quiet:
         print(text)
     elif page:
-        terminal.show_markdown(text)
+        reports.terminal.show_markdown(text)
     else:
-        terminal.show_pairs("Pages: stickslip docs PAGE shows one", bundled.pages())
+        reports.terminal.show_pairs("Pages: stickslip docs PAGE shows one", runs.bundled.pages())
 
 
 @command(epilog=CITE, short_help="Print BibTeX entries to cite for a run.")
@@ -95,13 +83,9 @@ def cite(
     as_json: AsJson = False,
 ) -> None:
     """Print BibTeX entries to cite for a run: this package, papers, contact laws, libraries."""
-    from ..runs.bundled import bibtex, read_scenarios
-
-    text = bibtex(*read_scenarios(scenario))
+    text = runs.bundled.bibtex(*runs.bundled.read_scenarios(scenario))
     if as_json:
-        from ..runs import json_output
-
-        print(json_output.to_json(json_output.common_fields("cite") | {"bibtex": text}))
+        runs.json_output.show("cite", {"bibtex": text})
     else:
         print(text, end="")
 
@@ -113,14 +97,11 @@ def doctor(
 ) -> None:
     """Check this installation: versions, threads, core, optional parts and a self-check; exit code 1 if it fails."""
     from ..doctor import examine
-    from ..reports import terminal
-    from ..runs import json_output
 
-    with terminal.console_output(quiet=quiet, as_json=as_json):
+    with reports.terminal.console_output(quiet=quiet, as_json=as_json):
         ok, text = examine(as_json=as_json)
     if as_json:
-        about = json_output.common_fields("doctor", status="finished" if ok else "failed")
-        print(json_output.to_json(about | json.loads(text)))
+        runs.json_output.show("doctor", json.loads(text), status="finished" if ok else "failed")
     elif quiet:
         print(text)
     raise typer.Exit(0 if ok else 1)

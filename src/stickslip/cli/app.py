@@ -17,13 +17,14 @@ from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, NamedTuple, get_type_hints
+from typing import Annotated, NamedTuple, get_args, get_type_hints
 
 import typer
 
-from .. import __version__
+from .. import __version__, reports, runs
 from ..extras import MissingExtraError
 from ..wing import MissingWingError
+from ..words import options_like, suggestions, with_rarest_parts
 
 DEVICES = {"cuda": "an NVIDIA graphics processor, with the extra gpu"}
 ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
@@ -96,50 +97,18 @@ def complete_from(names: dict[str, str] | Callable[[], dict[str, str]]):
     return complete
 
 
-Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; created if it does not exist.")]
-Workers = Annotated[
-    int | None,
-    typer.Option(
-        "--workers", min=1, metavar="N", help="Processes for independent runs, threads for a flow; default: all."
-    ),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler", help="Address or JSON file of a Dask scheduler that executes independent runs instead."
-    ),
-]
-Device = Annotated[
-    str | None,
-    typer.Option(
-        "--device",
-        help="cuda: run all realisations of gouge or of a sliding array side by side on a graphics processor.",
-        autocompletion=complete_from(DEVICES),
-    ),
-]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
-OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only the result: paths, or one sentence.")]
-Engine = Annotated[
-    str | None,
-    typer.Option(
-        "--engine",
-        help="stickslip or lammps, for flows and fault gouge; overrides the scenario.",
-        autocompletion=complete_from(ENGINES),
-    ),
-]
-Ranks = Annotated[
-    int | None, typer.Option("--ranks", min=1, metavar="N", help="MPI processes of LAMMPS; overrides the scenario.")
-]
-Trust = Annotated[bool, typer.Option("--trust", help="Allow the Python file in law.file to run, now and in future.")]
-Slides = Annotated[bool, typer.Option("--slides", help="For slides: 16:9, with large type and thick lines.")]
+Out = Annotated[Path | None, "Folder for results; created if it does not exist."]
+Overwrite = Annotated[bool, "Replace results of another scenario in the folder."]
+OverwriteFile = Annotated[bool, "Replace the file if it exists."]
+Trust = Annotated[bool, "Allow the Python file in law.file to run, now and in future."]
+Slides = Annotated[bool, "For slides: 16:9, with large type and thick lines."]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead, for programs.")]
 
 
 class Output(NamedTuple):
     """Options for the output of a command."""
 
-    quiet: Quiet = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only the result: paths, or one sentence.")] = False
     as_json: AsJson = False
 
 
@@ -151,8 +120,7 @@ class FigureOptions(NamedTuple):
         typer.Option("--format", help="pdf or svg: also write figures in this format, besides PNG; repeatable."),
     ] = None
     width: Annotated[
-        int | None,
-        typer.Option("--width", metavar="MM", help="Width of figures: 86 mm (one column, default) or 178 mm."),
+        int | None, typer.Option(metavar="MM", help="Width of figures: 86 mm (one column, default) or 178 mm.")
     ] = None
     letters: Annotated[
         bool, typer.Option("--letters/--no-letters", help="Letter the panels of figures: (a), (b) …")
@@ -174,24 +142,55 @@ class FigureOptions(NamedTuple):
 class EngineOptions(NamedTuple):
     """Options for the engine that runs a scenario."""
 
-    engine: Engine = None
-    ranks: Ranks = None
+    engine: Annotated[
+        str | None, "stickslip or lammps, for flows and fault gouge; overrides the scenario.", ENGINES
+    ] = None
+    ranks: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="MPI processes of LAMMPS; overrides the scenario.")
+    ] = None
 
     def values(self) -> dict:
-        """Given values by name."""
+        """Given values by name; raise ValueError for an unknown engine."""
+        if self.engine is not None:
+            check_choice("engine", self.engine, ENGINES)
         return {name: value for name, value in self._asdict().items() if value is not None}
 
 
 class ProcessOptions(NamedTuple):
     """Options for the processes of independent runs."""
 
-    workers: Workers = None
-    scheduler: Scheduler = None
-    device: Device = None
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Processes for independent runs, threads for a flow; default: all."),
+    ] = None
+    scheduler: Annotated[
+        str | None, "Address or JSON file of a Dask scheduler that executes independent runs instead."
+    ] = None
+    device: Annotated[
+        str | None,
+        "cuda: run all realisations of gouge or of a sliding array side by side on a graphics processor.",
+        DEVICES,
+    ] = None
+
+
+def _as_option(name: str, annotation):
+    """Annotation of an option named after its parameter, made from a type and a text; unchanged without a text."""
+    kind, (about, *choices) = getattr(annotation, "__origin__", None), getattr(annotation, "__metadata__", (None,))
+    if not isinstance(about, str):
+        return annotation
+    option = f"--{name.replace('_', '-')}"
+    if float in (kind, *get_args(kind)):
+        return Annotated[kind, number_option(option, help=about)]
+    completion = complete_from(*choices) if choices else None
+    return Annotated[kind, typer.Option(option, help=about, autocompletion=completion)]
 
 
 def command(**how):
-    """Make a function a command; fields of its parameters that are NamedTuples become options."""
+    """Make a function a command; fields of its parameters that are NamedTuples become options.
+
+    `Annotated[bool, "Words."]` is an option named after its parameter, with these words as its help; for shell
+    completion, values and their descriptions may follow. Numbers with a fraction are read as in files.
+    """
 
     def register(function):
         """Expand the groups of a function's options, and make it a command."""
@@ -212,8 +211,9 @@ def command(**how):
                 continue
             kinds, defaults = get_type_hints(p.annotation, include_extras=True), p.annotation._field_defaults
             single += [Parameter(name, p.kind, default=defaults[name], annotation=kinds[name]) for name in kinds]
+        single = [p.replace(kind=Parameter.KEYWORD_ONLY, annotation=_as_option(p.name, p.annotation)) for p in single]
         del call.__wrapped__
-        call.__signature__ = Signature([p.replace(kind=Parameter.KEYWORD_ONLY) for p in single])
+        call.__signature__ = Signature(single)
         call.__annotations__ = {p.name: p.annotation for p in single}
         return app.command(**how)(call)
 
@@ -231,11 +231,11 @@ def examples(*pairs: tuple[str, str]) -> str:
 def commands_like(word: str, commands: list[str]) -> list[str]:
     """Commands, scenarios, public names or pages similar to an unknown command."""
     from ..experiments.registry import EXPERIMENTS, papers
-    from ..runs.bundled import headings, names
-    from ..words import suggestions, with_rarest_parts
 
     plain = word.lower().replace("_", "-")
-    examples = {name.partition(".")[0].replace("_", "-"): name for name in names() if name.endswith(".toml")}
+    examples = {
+        name.partition(".")[0].replace("_", "-"): name for name in runs.bundled.names() if name.endswith(".toml")
+    }
     advice = {name: f"`stickslip {name}`" for name in commands}
     advice |= {name: f'`stickslip run SCENARIO` with experiment = "{name}"' for name in EXPERIMENTS}
     advice |= {name: f"`stickslip example {file}`, and `stickslip run`" for name, file in examples.items()}
@@ -248,7 +248,7 @@ def commands_like(word: str, commands: list[str]) -> list[str]:
     named = (one.rpartition(".")[2].replace("_", "-") for one in found if one.startswith("experiments."))
     experiments = [advice[name] for name in named if name in advice]
     in_python = [f"stickslip.{one} in Python" for one in found[:2] if not one.startswith("`")]
-    pages = [f"`stickslip docs {page}`" for page in with_rarest_parts(word, headings())]
+    pages = [f"`stickslip docs {page}`" for page in with_rarest_parts(word, runs.bundled.headings())]
     return typed[:2] or spelled or experiments[:2] or in_python or pages[:2]
 
 
@@ -264,16 +264,12 @@ def check_choice(name: str, got: str, allowed: Iterable[str]) -> None:
 def finish(answer: Callable[[], dict], paths: list[Path], show: Callable[[], None], output: Output) -> None:
     """Print the result of a command that writes files: a JSON object, only paths, or a summary and paths."""
     if output.as_json:
-        from ..runs import json_output
-
-        print(json_output.to_json(answer()))
+        print(runs.json_output.to_json(answer()))
     elif output.quiet:
         print("\n".join(map(str, paths)))
     else:
-        from ..reports import terminal
-
         show()
-        terminal.show_paths(paths)
+        reports.terminal.show_paths(paths)
 
 
 def _show_version(wanted: bool) -> None:
@@ -383,8 +379,6 @@ def _usage_message(problem) -> str:
     word, context = getattr(problem, "option_name", ""), getattr(problem, "ctx", None)
     if not (word and context and hasattr(problem, "possibilities")):
         return problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them"
-    from ..words import options_like
-
     options = [one[2:] for part in context.command.params for one in part.opts if one.startswith("--")]
     near = " or ".join(f"--{one}" for one in options_like(word, options))
     hint = f"did you mean {near}? " if near else ""

@@ -8,19 +8,11 @@ from typing import Annotated, NamedTuple
 
 import typer
 
+from .. import reports, runs
 from ..builtin_laws import BUILTIN_LAWS
-from .app import (
-    Output,
-    OverwriteFile,
-    Slides,
-    Trust,
-    command,
-    complete_from,
-    examples,
-    finish,
-    number_option,
-    numbers_by_name,
-)
+from ..data.run_files import FILM, PAGE
+from ..known import with_keys
+from .app import Output, OverwriteFile, Slides, Trust, command, examples, finish, numbers_by_name
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
@@ -33,6 +25,9 @@ METHODS = {
     "certify": "also certify real eigenvalues", "dense": "all eigenvalues", "pairs": "all complex pairs",
 }  # fmt: skip
 NO_VERDICT = 3  # exit code where there is no verdict
+PackingFile = Annotated[
+    Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
+]
 Dashpots = Annotated[
     bool, typer.Option("--dashpots/--no-dashpots", help="Include the dashpots of the law, or leave them out.")
 ]
@@ -75,42 +70,28 @@ class PackingOptions(NamedTuple):
 
     law: Annotated[
         str | None,
-        typer.Option(
-            help=f"{', '.join(law.name for law in BUILTIN_LAWS if not law.rescales)} (hertz_mindlin and "
-            "hertz_mindlin_reff also …_rescaled) or your own Python file; takes precedence over the law in FILE.",
-            autocompletion=complete_from(LAWS),
-        ),
+        f"{', '.join(law.name for law in BUILTIN_LAWS if not law.rescales)} (hertz_mindlin and "
+        "hertz_mindlin_reff also …_rescaled) or your own Python file; takes precedence over the law in FILE.",
+        LAWS,
     ] = None
-    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=complete_from(COULOMB))] = None
-    kn: Annotated[float | None, number_option(help="Normal stiffness.")] = None
-    kt: Annotated[float | None, number_option(help="Tangential stiffness.")] = None
-    mu: Annotated[float | None, number_option(help="Friction coefficient.")] = None
-    young: Annotated[float | None, number_option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None
-    poisson: Annotated[float | None, number_option(help="Poisson's ratio.")] = None
-    damping: Annotated[
-        str | None,
-        typer.Option(
-            help="velocity, mass_velocity, viscoelastic, tsuji or coeff_restitution.",
-            autocompletion=complete_from(DAMPING),
-        ),
-    ] = None
-    damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None
-    damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None
-    parameter: Annotated[
-        list[str] | None, typer.Option(help="Another parameter of the law, such as work=1e-3 for jkr; repeatable.")
-    ] = None
-    i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None
-    frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None
-    contacts: Annotated[
-        Path | None, typer.Option(help="LAMMPS `dump local` with contact forces, or a table of measured forces.")
-    ] = None
-    columns: Annotated[str | None, typer.Option(help='Columns of --contacts: "i j dist … tx ty tz".')] = None
-    boundary: Annotated[
-        str | None, typer.Option(help="Boundaries as in LAMMPS, e.g. ppf, if not given in the file.")
-    ] = None
-    atom_style: Annotated[
-        str | None, typer.Option(help="Atom style, such as sphere, if a LAMMPS data file does not name it.")
-    ] = None
+    coulomb: Annotated[str | None, "smooth or sharp.", COULOMB] = None
+    kn: Annotated[float | None, "Normal stiffness."] = None
+    kt: Annotated[float | None, "Tangential stiffness."] = None
+    mu: Annotated[float | None, "Friction coefficient."] = None
+    young: Annotated[float | None, "Young's modulus, with --poisson instead of --kn, --kt."] = None
+    poisson: Annotated[float | None, "Poisson's ratio."] = None
+    damping: Annotated[str | None, "velocity, mass_velocity, viscoelastic, tsuji or coeff_restitution.", DAMPING] = None
+    damping_n: Annotated[float | None, "Coefficient of the normal dashpots."] = None
+    damping_t: Annotated[float | None, "Coefficient of the tangential dashpots."] = None
+    parameter: Annotated[list[str] | None, "Another parameter of the law, such as work=1e-3 for jkr; repeatable."] = (
+        None
+    )
+    i0: Annotated[float | None, "I0 in the moment of inertia I0 m R²: 0.4 for spheres."] = None
+    frame: Annotated[str | None, "State to read from an archive, GSD file or dump."] = None
+    contacts: Annotated[Path | None, "LAMMPS `dump local` with contact forces, or a table of measured forces."] = None
+    columns: Annotated[str | None, 'Columns of --contacts: "i j dist … tx ty tz".'] = None
+    boundary: Annotated[str | None, "Boundaries as in LAMMPS, e.g. ppf, if not given in the file."] = None
+    atom_style: Annotated[str | None, "Atom style, such as sphere, if a LAMMPS data file does not name it."] = None
 
     def values(self) -> dict:
         """Options of `read_packing`."""
@@ -135,17 +116,10 @@ def in_units_of_packing(command):
 class MethodOptions(NamedTuple):
     """Options that select the eigenvalues to compute, and the method."""
 
-    method: Annotated[
-        str,
-        typer.Option(
-            "--method", help="auto, fastest, all, certify, dense or pairs.", autocompletion=complete_from(METHODS)
-        ),
-    ] = "auto"
-    fastest: Annotated[bool, typer.Option("--fastest", help="Find the fastest-growing pair only.")] = False
+    method: Annotated[str, "auto, fastest, all, certify, dense or pairs.", METHODS] = "auto"
+    fastest: Annotated[bool, "Find the fastest-growing pair only."] = False
     every: Annotated[bool, typer.Option("--all", help="Find all complex pairs.")] = False
-    certify: Annotated[
-        bool, typer.Option("--certify", help="Also certify the real eigenvalues; reports the estimated time first.")
-    ] = False
+    certify: Annotated[bool, "Also certify the real eigenvalues; reports the estimated time first."] = False
 
     def name(self, default: str) -> str:
         """Name of the requested method, or else the default."""
@@ -160,37 +134,22 @@ class MethodOptions(NamedTuple):
 @in_units_of_packing
 def stability(
     *,
-    file: Annotated[
-        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
-    ],
+    file: PackingFile,
     search: MethodOptions,
-    settle: Annotated[
-        bool, typer.Option("--settle", help="First let it come to rest under this law; analyse that state.")
-    ] = False,
+    settle: Annotated[bool, "First let it come to rest under this law; analyse that state."] = False,
     modes: Annotated[
-        Path | None,
-        typer.Option(
-            "--modes",
-            help="Output file for modes; default: FILE's name with -modes.npz, in this folder; none with --json.",
-        ),
+        Path | None, "Output file for modes; default: FILE's name with -modes.npz, in this folder; none with --json."
     ] = None,
     matrices: Annotated[
         str | None,
-        typer.Option(
-            "--matrices", metavar="<path>", help="Also write J, C and M: NAME.npz, or a folder for Matrix Market files."
-        ),
+        typer.Option(metavar="<path>", help="Also write J, C and M: NAME.npz, or a folder for Matrix Market files."),
     ] = None,
     beyond: Annotated[
         bool, typer.Option("--more", help="Also elastic moduli, transient growth, decisive contacts.")
     ] = False,
-    after: Annotated[
-        bool, typer.Option("--after", help="Also the course of the instability: bursts, or a lost contact.")
-    ] = False,
+    after: Annotated[bool, "Also the course of the instability: bursts, or a lost contact."] = False,
     position_error: Annotated[
-        float | None,
-        number_option(
-            "--position-error", help="Also the probability of the verdict for this error of positions, in radii."
-        ),
+        float | None, "Also the probability of the verdict for this error of positions, in radii."
     ] = None,
     dashpots: Dashpots = True,
     output: Output,
@@ -208,8 +167,6 @@ def stability(
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings
     from ..loading.reading import read_packing
-    from ..reports import packing as stability_report
-    from ..reports import terminal
     from ..solve.freedom import equations_of_motion
     from ..solve.linear import FACTORS_UP_TO
     from ..solve.stability import DENSE_UP_TO
@@ -219,7 +176,7 @@ def stability(
     named = file if file.name.strip(".") else file.resolve()  # . and .. have no names
     shapes = modes or Path(f"{named.stem}-modes.npz")
     if modes or not output.as_json:
-        stability_report.check_modes(shapes, file, asked=modes is not None)
+        reports.packing.check_modes(shapes, file, asked=modes is not None)
     if matrices is not None:
         from ..data.exchange.frame import check_name, write_matrices
 
@@ -228,12 +185,12 @@ def stability(
         check_name(Path(matrices))
         if Path(matrices).absolute() == shapes.absolute():
             raise ValueError(f"--matrices and --modes name the same file {shapes}: give different names")
-    with terminal.console_output(*output):
-        with terminal.progress(transient=True) as tell:
+    with reports.terminal.console_output(*output):
+        with reports.terminal.progress(transient=True) as tell:
             (state, its_law, notes), said = capture_warnings(read_packing, file, **options.values())
             notes, calm = [*notes, *said], None
             if settle:
-                state, calm = stability_report.let_settle(state, its_law)
+                state, calm = reports.packing.let_settle(state, its_law)
                 notes.append(f"settled: {calm.how}")
             written = []
             if matrices:
@@ -241,62 +198,47 @@ def stability(
                 c = motion.damping if dashpots else type(motion.damping)(motion.damping.shape)
                 written = write_matrices(matrices, motion._replace(damping=c))
         large = 6 * len(state.grains.radius) > FACTORS_UP_TO
-        with terminal.progress(transient=not large) as tell:
+        with reports.terminal.progress(transient=not large) as tell:
             saved = Path(f"{named.stem}-search.npz") if large else None
             if saved and saved.exists():
-                terminal.console.print(f"{saved}: the search saved there is continued if it belongs to this packing")
+                reports.terminal.console.print(
+                    f"{saved}: the search saved there is continued if it belongs to this packing"
+                )
             result = analyse(state, its_law, method=method, dashpots=dashpots, saved=saved, report=tell)
-            more = None
+            parts: dict = {"calm": calm}
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):
-                from ..reports.details import compute_details
-
-                more = compute_details(state, its_law, result, report=tell)
-            cement = None
+                parts["more"] = reports.details.compute_details(state, its_law, result, report=tell)
             if state.bonds and result.balanced:
-                from ..reports.details import compute_bonds
-
-                cement = compute_bonds(state, its_law)
-            form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
-            sure = position_error is not None and stability_report.find_probability(
+                parts["bonds"] = reports.details.compute_bonds(state, its_law)
+            if after:
+                parts["form"] = reports.packing.find_birth_form(state, its_law, dashpots=dashpots)
+            sure = position_error is not None and reports.packing.find_probability(
                 state, its_law, position_error, dashpots=dashpots, report=tell
             )
-        why, paths = [] if result.balanced else stability_report.likely_causes(result, options.values(), notes), written
-        shape = stability_report.geometry(state) if stability_report.missing_parts(notes) else None
+        if not result.balanced:
+            parts["why"] = reports.packing.likely_causes(result, options.values(), notes)
+        if reports.packing.missing_parts(notes):
+            parts["shape"] = reports.packing.geometry(state)
+        paths = written
         if modes or (not output.as_json and result.balanced and result.modes.shape[1]):
-            paths = [stability_report.write_modes(shapes, result), *written]
+            paths = [reports.packing.write_modes(shapes, result), *written]
     if output.as_json:
-        from ..runs import json_output
-
         for line in notes:
             print(printable(f"stickslip: {line}"), file=sys.stderr)
-        verdict = stability_report.verdict(result, calm, notes)
-        about = json_output.common_fields("stability", files=paths) | {"notes": notes, "verdict": verdict}
+        about = {"notes": notes, "verdict": reports.packing.verdict(result, calm, notes)}
         if sure:
-            about |= {"position_error": stability_report.probability_dict(sure)}
-        found = stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape, bonds=cement)
-        print(json_output.to_json(about | found))
+            about |= {"position_error": reports.packing.probability_dict(sure)}
+        runs.json_output.show("stability", about | reports.packing.to_dict(result, notes=notes, **parts), files=paths)
     elif output.quiet:
-        print(printable(stability_report.verdict(result, calm, notes)))
+        print(printable(reports.packing.verdict(result, calm, notes)))
     else:
-        remedy = "" if settle else BARE if shape else REMEDY
-        stability_report.show(
-            result,
-            its_law,
-            notes,
-            more,
-            form,
-            calm=calm,
-            why=why,
-            remedy=remedy,
-            shape=shape,
-            state=state,
-            bonds=cement,
-        )
+        remedy = "" if settle else BARE if "shape" in parts else REMEDY
+        reports.packing.show(result, its_law, notes, remedy=remedy, state=state, **parts)
         if sure:
-            stability_report.show_probability(sure)
+            reports.packing.show_probability(sure)
         if paths:
-            terminal.show_paths(paths)
-    if stability_report.is_stable(result, notes) is None:
+            reports.terminal.show_paths(paths)
+    if reports.packing.is_stable(result, notes) is None:
         raise typer.Exit(NO_VERDICT)
 
 
@@ -304,17 +246,13 @@ def stability(
 @in_units_of_packing
 def convert(
     *,
-    file: Annotated[
-        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
-    ],
-    to: Annotated[
-        Path, typer.Option("--to", help="Output file: .gsd, .vtu, .xyz, .data, .csv, .graphml, .npz or .h5.")
-    ],
-    modes: Annotated[Path | None, typer.Option("--modes", help="Animate a mode that `stability` wrote.")] = None,
-    mode: Annotated[int, typer.Option("--mode", min=0, metavar="N", help="Number of the mode, fastest first.")] = 0,
-    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period.")] = 48,
-    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
-    grow: Annotated[bool, typer.Option("--grow", help="Include the growth of the mode.")] = False,
+    file: PackingFile,
+    to: Annotated[Path, "Output file: .gsd, .vtu, .xyz, .data, .csv, .graphml, .npz or .h5."],
+    modes: Annotated[Path | None, "Animate a mode that `stability` wrote."] = None,
+    mode: Annotated[int, typer.Option(min=0, metavar="N", help="Number of the mode, fastest first.")] = 0,
+    frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames per period.")] = 48,
+    amplitude: Annotated[float, "Largest displacement over the radius."] = 0.3,
+    grow: Annotated[bool, "Include the growth of the mode."] = False,
     overwrite: OverwriteFile = False,
     output: Output,
     options: PackingOptions,
@@ -322,11 +260,9 @@ def convert(
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
     from ..data.exchange.files import capture_warnings
     from ..data.sample import account_of
-    from ..known import with_keys
     from ..loading.reading import convert
-    from ..reports import terminal
 
-    with terminal.console_output(*output):
+    with reports.terminal.console_output(*output):
         (paths, notes), said = capture_warnings(
             convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow,
             overwrite=overwrite, **options.values(),
@@ -337,16 +273,14 @@ def convert(
 
 def _finish_with_notes(command: str, paths: list[Path], fields: dict, output: Output) -> None:
     """Print the result of a command; its fields have notes and may have a verdict."""
-    from ..reports import terminal
-    from ..runs import json_output
 
     def show() -> None:
         if sentence := fields.get("verdict"):
-            terminal.console.print(sentence)
+            reports.terminal.console.print(sentence)
         for line in fields["notes"]:
-            terminal.console.print(line, style="yellow")
+            reports.terminal.console.print(line, style="yellow")
 
-    finish(lambda: json_output.common_fields(command, files=paths) | fields, paths, show, output)
+    finish(lambda: runs.json_output.common_fields(command, files=paths) | fields, paths, show, output)
 
 
 REPORT = examples(
@@ -369,22 +303,15 @@ Place = Annotated[Path, typer.Argument(help="A run folder, or a packing in any f
 class ViewOptions(NamedTuple):
     """Options for the content of a report or a movie."""
 
-    modes: Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; default: computed.")] = (
-        None
-    )
-    settle: Annotated[bool, typer.Option("--settle", help="Let a packing come to equilibrium first.")] = False
+    modes: Annotated[Path | None, "Modes that `stability` wrote; default: computed."] = None
+    settle: Annotated[bool, "Let a packing come to equilibrium first."] = False
     colour: Annotated[
-        str | None,
-        typer.Option(
-            "--colour", help="Quantity shown by the colour of grains; default in a movie: speed, or displacement."
-        ),
+        str | None, "Quantity shown by the colour of grains; default in a movie: speed, or displacement."
     ] = None
     zoom: Annotated[
         str | None,
         typer.Option(
-            "--zoom",
-            metavar="<float>|all",
-            help="Enlarge the view on the grains, or show all, even if they rolled away.",
+            metavar="<float>|all", help="Enlarge the view on the grains, or show all, even if they rolled away."
         ),
     ] = None
     trust: Trust = False
@@ -408,10 +335,7 @@ def report(
     place: Place,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            help="Output file, by default report.html in the run, or FILE-report.html; .pdf, .png, .svg: forces only.",
-        ),
+        "Output file, by default report.html in the run, or FILE-report.html; .pdf, .png, .svg: forces only.",
     ] = None,
     view: ViewOptions,
     verdict: Annotated[
@@ -430,29 +354,26 @@ def report(
     With --out NAME.pdf, .png or .svg, write only the figure of the contact forces in a packing, or of measured forces:
     their distribution, force chains, the strong network, and the anisotropies of contacts and forces.
     """
-    from ..data.run_files import PAGE
     from ..figures.style import FORMATS
-    from ..reports import page, terminal
-    from ..runs.page import is_run, load_content
 
-    path, zoom = out or page.default_path(place, PAGE), view.enlargement()
+    path, zoom = out or reports.page.default_path(place, PAGE), view.enlargement()
     figures = tuple(f".{kind}" for kind in FORMATS)
     made_from = _input_files(place, view, options)
-    page.check_output(path, (".html", ".htm", *figures), overwrite=overwrite, made_from=made_from)
+    reports.page.check_output(path, (".html", ".htm", *figures), overwrite=overwrite, made_from=made_from)
     if path.suffix.lower() in figures:
-        _check_figure(path, place if is_run(place) else None, view, verdict)
-        with terminal.console_output(*output):
-            notes = page.write_forces(place, path, options.values())
+        _check_figure(path, place if runs.page.is_run(place) else None, view, verdict)
+        with reports.terminal.console_output(*output):
+            notes = reports.page.write_forces(place, path, options.values())
         _finish_with_notes("report", [path], {"verdict": None, "notes": notes}, output)
         return
-    with terminal.console_output(*output), terminal.progress(transient=True) as tell:
-        content = load_content(
+    with reports.terminal.console_output(*output), reports.terminal.progress(transient=True) as tell:
+        content = runs.page.load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, dashpots=dashpots, report=tell,
             search=verdict, trust=view.trust, zoom=zoom,
         )  # fmt: skip
-        page.write_page(content, path, colour=view.colour, zoom=zoom)
+        reports.page.write_page(content, path, colour=view.colour, zoom=zoom)
     notes = [content.warning] if content.warning else []
-    notes += page.notes_on_view(content, zoom)
+    notes += reports.page.notes_on_view(content, zoom)
     _finish_with_notes("report", [path], {"verdict": content.verdict or None, "notes": notes}, output)
 
 
@@ -462,8 +383,8 @@ def _check_figure(path: Path, folder: Path | None, view: ViewOptions, verdict: b
         raise ValueError(f"{folder} is a run folder, for which --out must end in .html, got {path}")
     asked = {"modes": view.modes, "settle": view.settle or None, "colour": view.colour, "zoom": view.zoom}
     asked["verdict"] = verdict
-    for name in (name for name, value in asked.items() if value is not None):
-        raise ValueError(f"--{name} has no effect on --out {path}, which shows contact forces only: use .html")
+    if given := [name for name, value in asked.items() if value is not None]:
+        raise ValueError(f"--{given[0]} has no effect on --out {path}, which shows contact forces only: use .html")
 
 
 class FilmOptions(NamedTuple):
@@ -472,18 +393,15 @@ class FilmOptions(NamedTuple):
     mode: Annotated[
         int | None,
         typer.Option(
-            "--mode",
             min=0,
             metavar="N",
             help="Number of the mode, 0 for the fastest; default: the run itself, or mode 0 of a packing.",
         ),
     ] = None
-    fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames per second; the movie of a run lasts 8 s.")] = (
-        25
-    )
-    whole: Annotated[bool, typer.Option("--whole", help="Show all stages of a run; default: the last one.")] = False
-    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48
-    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3
+    fps: Annotated[int, typer.Option(metavar="N", help="Frames per second; the movie of a run lasts 8 s.")] = 25
+    whole: Annotated[bool, "Show all stages of a run; default: the last one."] = False
+    frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames per period of a mode.")] = 48
+    amplitude: Annotated[float, "Largest displacement over the radius."] = 0.3
     slides: Slides = False
 
 
@@ -493,10 +411,7 @@ def movie(
     *,
     place: Place,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help=".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif in the current folder."
-        ),
+        Path | None, ".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif in the current folder."
     ] = None,
     view: ViewOptions,
     film: FilmOptions,
@@ -505,19 +420,17 @@ def movie(
     options: PackingOptions,
 ) -> None:
     """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
-    from ..data.run_files import FILM
-    from ..reports import page, terminal
-    from ..runs.page import is_run, load_content
-
-    path, zoom = out or page.default_path(place, FILM), view.enlargement()
-    page.check_output(path, page.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options))
-    page.film.check_movie(path, film.fps)
-    with terminal.console_output(*output), terminal.progress(transient=True) as tell:
-        content = load_content(
+    path, zoom = out or reports.page.default_path(place, FILM), view.enlargement()
+    reports.page.check_output(
+        path, reports.page.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options)
+    )
+    reports.page.film.check_movie(path, film.fps)
+    with reports.terminal.console_output(*output), reports.terminal.progress(transient=True) as tell:
+        content = runs.page.load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, report=tell,
-            search=film.mode is not None or not is_run(place), trust=view.trust,
+            search=film.mode is not None or not runs.page.is_run(place), trust=view.trust,
         )  # fmt: skip
-        away = page.write_movie(
+        away = reports.page.write_movie(
             content, path, colour=view.colour, fps=film.fps, count=film.frames, amplitude=film.amplitude,
             mode=film.mode, whole=film.whole, zoom=zoom, slides=film.slides, report=tell,
         )  # fmt: skip

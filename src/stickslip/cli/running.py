@@ -1,15 +1,17 @@
 """Commands that run experiments: reproduce a paper, run a scenario or a sweep, resume a stopped run."""
 
 import sys
+from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import typer
 
+from .. import ensemble, reports, runs
+from ..data.run_files import SCENARIO, lock_folder, resume_command
 from .app import (
     DEVICES,
-    ENGINES,
     EngineOptions,
     FailedError,
     FigureOptions,
@@ -62,35 +64,21 @@ def reproduce(
             autocompletion=complete_from(_papers),
         ),
     ],
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer realisations and shorter runs; omissions are reported.")
-    ] = False,
+    quick: Annotated[bool, "Fewer realisations and shorter runs; omissions are reported."] = False,
     full: Annotated[
-        bool,
-        typer.Option(
-            "--full", help="Gouge only: also velocity steps and other slides; the estimated hours are reported."
-        ),
+        bool, "Gouge only: also velocity steps and other slides; the estimated hours are reported."
     ] = False,
     paper_size: Annotated[
-        bool,
-        typer.Option(
-            "--paper-size",
-            help="Gouge only: 4800 grains as in the paper instead, a day on one core or minutes with --device cuda.",
-        ),
+        bool, "Gouge only: 4800 grains as in the paper instead, a day on one core or minutes with --device cuda."
     ] = False,
     realizations: Annotated[
-        int | None,
-        typer.Option("--realizations", min=1, metavar="N", help="With --paper-size: number of samples; default: 8."),
+        int | None, typer.Option(min=1, metavar="N", help="With --paper-size: number of samples; default: 8.")
     ] = None,
     samples: Annotated[
-        Path | None,
-        typer.Option(
-            "--samples",
-            help="With --paper-size: evaluate the samples stored in a folder; --realizations N adds to them.",
-        ),
+        Path | None, "With --paper-size: evaluate the samples stored in a folder; --realizations N adds to them."
     ] = None,
     out: Out = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all random velocities.")] = 0,
     processes: ProcessOptions,
     overwrite: Overwrite = False,
     drawing: FigureOptions,
@@ -107,22 +95,20 @@ def reproduce(
         if value and not paper_size:
             raise ValueError(f"{name} requires --paper-size, the only run with samples")
     from ..experiments.registry import papers
-    from ..runs import folder as run_folder
-    from ..runs.folder import mark_look, mark_reproduction, reproduction_arguments
 
     more = {"full": full, "paper_size": paper_size, "realizations": realizations}
     more |= {"samples": samples and samples.absolute()}
     more = {name: value for name, value in more.items() if value}
-    if unknown := [name for name in more if name not in reproduction_arguments(experiment).model_fields]:
+    if unknown := [name for name in more if name not in runs.folder.reproduction_arguments(experiment).model_fields]:
         raise ValueError(f"{experiment} has no --{unknown[0].replace('_', '-')}: leave it out")
     asked = {"quick": quick, "seed": seed} | more
     chosen = papers()[experiment].paper.scenario(**{name: value for name, value in asked.items() if name != "full"})
     spread = _choose_processes(processes, chosen)
     folder = out or Path("results") / (experiment + ("-quick" if quick else "-paper-size" if paper_size else ""))
     with _working_in(folder, output):
-        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
-        mark_reproduction(folder, chosen, experiment, **asked)
-        mark_look(folder, chosen, look)
+        runs.folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        runs.folder.mark_reproduction(folder, chosen, experiment, **asked)
+        runs.folder.mark_look(folder, chosen, look)
         _reproduce_in("reproduce", folder, spread, output, look, experiment=experiment, **asked)
 
 
@@ -130,10 +116,8 @@ def reproduce(
 def _working_in(folder: Path, output: Output):
     """Lock a run folder and direct the output; after ctrl-C or SIGTERM, print the command that continues the run."""
     from ..data.checkpoint import is_worth_resuming
-    from ..data.run_files import lock_folder, resume_command
-    from ..reports import terminal
 
-    with terminal.console_output(*output), lock_folder(folder):
+    with reports.terminal.console_output(*output), lock_folder(folder):
         try:
             yield
         except KeyboardInterrupt as problem:
@@ -146,10 +130,9 @@ def _working_in(folder: Path, output: Output):
 def _note_levels(folder: Path) -> None:
     """Print a note on checkpoints computed by the core for other processors."""
     from ..data.checkpoint import note_on_levels
-    from ..reports import terminal
 
     if note := note_on_levels(folder):
-        terminal.console.print(note, style="yellow")
+        reports.terminal.console.print(note, style="yellow")
 
 
 def _reproduce_in(
@@ -157,37 +140,32 @@ def _reproduce_in(
 ) -> None:  # fmt: skip
     """Run or continue a paper's experiment in a folder."""
     from ..experiments.registry import papers
-    from ..reports import terminal
-    from ..reports.claims import show_claims
-    from ..runs import json_output
-    from ..runs.folder import write_reproduction
 
     chosen = papers()[experiment]
     if quick:
-        terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
+        reports.terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
     _note_levels(folder)
-    with convert_errors(), terminal.progress() as tell:
+    with convert_errors(), reports.terminal.progress() as tell:
         reproduction = chosen.paper.reproduce(quick=quick, **asked, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = write_reproduction(folder, chosen, reproduction, look)
+        paths = runs.folder.write_reproduction(folder, chosen, reproduction, look)
     finish(
-        lambda: json_output.describe_run(command, folder, reproduction.main, paths, reproduction.claims), paths,
-        lambda: show_claims(reproduction.claims, chosen.paper.shows()), output,
+        lambda: runs.json_output.describe_run(command, folder, reproduction.main, paths, reproduction.claims), paths,
+        lambda: reports.claims.show_claims(reproduction.claims, chosen.paper.shows()), output,
     )  # fmt: skip
 
 
 class SweepOptions(NamedTuple):
     """Options of sweeps."""
 
-    yes: Annotated[bool, typer.Option("--yes", help="Run a sweep with any number of members.")] = False
-    figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False
+    yes: Annotated[bool, "Run a sweep with any number of members."] = False
+    figures: Annotated[bool, "Draw figures of every member of a sweep."] = False
     part: Annotated[
-        str | None,
-        typer.Option("--part", metavar="K/N", help="Run the K-th of N parts of a sweep, for arrays of jobs."),
+        str | None, typer.Option(metavar="K/N", help="Run the K-th of N parts of a sweep, for arrays of jobs.")
     ] = None
     gather: Annotated[
         list[Path] | None,
-        typer.Option("--gather", help="Take finished members from the folder of a part; repeatable.", metavar="FOLDER"),
+        typer.Option(help="Take finished members from the folder of a part; repeatable.", metavar="FOLDER"),
     ] = None
 
     def numbers(self) -> tuple[int, int] | None:
@@ -204,19 +182,13 @@ class SweepOptions(NamedTuple):
 def run(
     *,
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, such as examples/disk_array.toml.")],
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for results; default: results/SCENARIO.")] = None,
+    out: Annotated[Path | None, "Folder for results; default: results/SCENARIO."] = None,
     engine: EngineOptions,
     export: Annotated[
-        Path | None,
-        typer.Option(
-            "--export", help="Write a folder that LAMMPS runs in a queue instead; read it back with stickslip resume."
-        ),
+        Path | None, "Write a folder that LAMMPS runs in a queue instead; read it back with stickslip resume."
     ] = None,
     compare: Annotated[
-        Path | None,
-        typer.Option(
-            "--compare", help="Table of a laboratory test, such as test.csv, to compare with an element test."
-        ),
+        Path | None, "Table of a laboratory test, such as test.csv, to compare with an element test."
     ] = None,
     processes: ProcessOptions,
     overwrite: Overwrite = False,
@@ -229,8 +201,6 @@ def run(
     from ..data.law_schema import check_law_files, trust_law_files
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
-    from ..runs import folder as run_folder
-    from ..runs.folder import mark_look
 
     look = drawing.look()
     if out is not None and export is not None:
@@ -244,8 +214,6 @@ def run(
         for name, given in (("export", export), ("compare", compare)):
             if given:
                 raise ValueError(f"--{name} does not apply to a sweep: {name} its members one by one")
-        if engine.engine is not None:
-            check_choice("engine", engine.engine, ENGINES)
         tables, spread = tables | engine.values(), _choose_processes(processes)
         with _working_in(out, output):
             options = {"overwrite": overwrite, "yes": sweeps.yes, "figures": sweeps.figures, "look": look}
@@ -262,10 +230,12 @@ def run(
     check_law_files(chosen.model_dump())
     spread = _choose_processes(processes, chosen)
     with _working_in(out, output):
-        if draw and not overwrite and run_folder.is_finished(out, chosen):
-            return _compare_in(out, chosen, output, look, draw)
-        run_folder.prepare_folder(out, chosen, overwrite=overwrite)
-        mark_look(out, chosen, look)
+        if draw and not overwrite and runs.folder.is_finished(out, chosen):
+            reports.terminal.console.print(f"{out} is finished, and its results are used.", markup=False)
+            remarks = runs.folder.write_comparison(out, chosen, draw, look)
+            return _report_finished("run", out, output, lambda: reports.terminal.show_lines(remarks), chosen)
+        runs.folder.prepare_folder(out, chosen, overwrite=overwrite)
+        runs.folder.mark_look(out, chosen, look)
         return _run_in("run", chosen, out, spread, output, look, draw)
 
 
@@ -273,12 +243,9 @@ def run_scenario(
     command: str, chosen, folder: Path, output: Output, look, *, overwrite: bool = False, begin=lambda: None
 ) -> None:  # fmt: skip
     """Run a scenario in a folder, for a command; `begin` saves the input already read by the command."""
-    from ..runs import folder as run_folder
-    from ..runs.folder import mark_look
-
     with _working_in(folder, output):
-        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
-        mark_look(folder, chosen, look)
+        runs.folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        runs.folder.mark_look(folder, chosen, look)
         begin()
         _run_in(command, chosen, folder, {}, output, look)
 
@@ -286,23 +253,20 @@ def run_scenario(
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
     """Write LAMMPS input to a folder, in which `stickslip resume` continues once LAMMPS has run."""
     from ..data.checkpoint import checkpoint_in
-    from ..data.run_files import resume_command
     from ..experiments.registry import experiment_of
-    from ..reports import terminal
-    from ..runs import folder as run_folder
-    from ..runs import json_output
 
     write = experiment_of(chosen).export
     if write is None or chosen.engine != "lammps":
         what = f"experiment = {chosen.experiment!r}" if write is None else f"engine = {chosen.engine!r}"
         raise ValueError(f"--export writes flows and fault gouge for LAMMPS, not {what}; add --engine lammps")
     with _working_in(folder, output):
-        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        runs.folder.prepare_folder(folder, chosen, overwrite=overwrite)
         paths = write(chosen, folder)
         checkpoint_in(folder, chosen).announce()
     message = f"Submit job.slurm, or run sh run.sh; then {resume_command(folder)}."
     finish(
-        lambda: json_output.common_fields("run", files=paths), paths, lambda: terminal.console.print(message), output
+        lambda: runs.json_output.common_fields("run", files=paths), paths,
+        lambda: reports.terminal.console.print(message), output,
     )  # fmt: skip
 
 
@@ -319,45 +283,27 @@ def _open_laboratory(chosen, path: Path):
     return experiment_of(chosen).overlay(chosen, path)
 
 
-def _compare_in(folder: Path, chosen, output: Output, look, draw) -> None:
-    """Compare a laboratory test with a finished run."""
-    from ..experiments.registry import list_files
-    from ..reports import terminal
-    from ..runs import json_output
-    from ..runs.folder import write_comparison
-
-    terminal.console.print(f"{folder} is finished, and its results are used.", markup=False)
-    remarks = write_comparison(folder, chosen, draw, look)
-    finish(
-        lambda: json_output.describe_finished_run("run", folder, chosen), list_files(folder),
-        lambda: terminal.show_lines(remarks), output,
-    )  # fmt: skip
-
-
 def _run_in(command: str, chosen, folder: Path, spread, output: Output, look, draw=None) -> None:
     """Run or continue a scenario in a folder, and draw comparisons."""
     from ..core.units import units_in_use
     from ..experiments.registry import experiment_of, list_files
-    from ..reports import terminal
-    from ..runs import json_output
-    from ..runs.folder import write_comparison, write_result
 
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
     _note_levels(folder)
-    with convert_errors(), terminal.progress() as tell:
+    with convert_errors(), reports.terminal.progress() as tell:
         result = experiment.simulate(chosen, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths, remarks = write_result(folder, experiment, result, look), ()
+        paths, remarks = runs.folder.write_result(folder, experiment, result, look), ()
         if draw:
-            remarks, paths = write_comparison(folder, chosen, draw, look), list_files(folder)
+            remarks, paths = runs.folder.write_comparison(folder, chosen, draw, look), list_files(folder)
 
     def show() -> None:
         experiment.show(result)
-        terminal.show_lines(remarks)
+        reports.terminal.show_lines(remarks)
 
     with units_in_use(chosen.named_units):
-        finish(lambda: json_output.describe_run(command, folder, result, paths), paths, show, output)
+        finish(lambda: runs.json_output.describe_run(command, folder, result, paths), paths, show, output)
 
 
 @command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")
@@ -370,16 +316,18 @@ def resume(
 ) -> None:
     """Continue a stopped run: dynamics bit for bit, quasi-static steps to within the tolerance of the solver."""
     from ..data.law_schema import check_law_files, trust_law_files
-    from ..reports import terminal
-    from ..runs.folder import find_unfinished
 
-    with terminal.console_output(*output):
-        if find_unfinished(folder) is None:
-            return _report_finished(folder, output)
+    def finished() -> None:
+        message = f"{folder} is finished: there is nothing to resume."
+        _report_finished("resume", folder, output, lambda: reports.terminal.console.print(message))
+
+    with reports.terminal.console_output(*output):
+        if runs.folder.find_unfinished(folder) is None:
+            return finished()
         with _working_in(folder, output):
-            saved = find_unfinished(folder)  # again, because another process may have finished in between
+            saved = runs.folder.find_unfinished(folder)  # again, because another process may have finished in between
             if saved is None:
-                return _report_finished(folder, output)
+                return finished()
             tables = saved.sweep or saved.scenario.model_dump()
             if trust:
                 trust_law_files(tables)
@@ -394,50 +342,41 @@ def resume(
             return _run_in("resume", saved.scenario, folder, spread, output, saved.look)
 
 
-def _report_finished(folder: Path, output: Output) -> None:
-    """Report that a run has finished, and list its files."""
-    from ..data.run_files import SCENARIO
+def _report_finished(command: str, folder: Path, output: Output, show: Callable[[], None], chosen=None) -> None:
+    """Print the result of a command that found a run finished, and list its files."""
     from ..experiments.registry import list_files, read_scenario
-    from ..reports import terminal
-    from ..runs import json_output
 
-    message, paths = f"{folder} is finished: there is nothing to resume.", list_files(folder)
-    finish(
-        lambda: json_output.describe_finished_run("resume", folder, read_scenario(folder / SCENARIO)), paths,
-        lambda: terminal.console.print(message), output,
-    )  # fmt: skip
+    def answer() -> dict:
+        scenario = read_scenario(folder / SCENARIO) if chosen is None else chosen
+        return runs.json_output.describe_finished_run(command, folder, scenario)
+
+    finish(answer, list_files(folder), show, output)
 
 
-def _run_sweep_in(
-    command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, figures: bool, look,
-    overwrite: bool = False, part: tuple[int, int] | None = None, gather: list[Path] = (),
-) -> None:  # fmt: skip
-    """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1."""
-    from ..runs import json_output
+def _run_sweep_in(command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, **options) -> None:
+    """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1.
+
+    Options are those of `run_with_progress`.
+    """
     from ..runs.sweep import run as sweep_run
     from ..runs.sweep.definition import sweep
 
     chosen = sweep(**tables)
 
     def confirm() -> bool:
-        if yes or not sys.stdin.isatty() or output.as_json or output.quiet:
-            if not yes:
-                raise ValueError(f"the sweep has {chosen.count} members and there is no terminal to confirm: add --yes")
+        if yes:
             return True
+        if not sys.stdin.isatty() or output.as_json or output.quiet:
+            raise ValueError(f"the sweep has {chosen.count} members and there is no terminal to confirm: add --yes")
         return typer.confirm(f"Run {chosen.count} members?")
 
-    swept = sweep_run.run_with_progress(
-        chosen, out, **spread, overwrite=overwrite, figures=figures, look=look, confirm=confirm,
-        part=part, gather=gather,
-    )  # fmt: skip
+    swept = sweep_run.run_with_progress(chosen, out, **spread, confirm=confirm, **options)
     if swept is None:
         return print("nothing was run")
-    answer, sentence = (
-        json_output.describe_sweep(command, out, swept, sweep_run.ranges(swept)),
-        sweep_run.failure_summary(swept),
-    )
+    answer = runs.json_output.describe_sweep(command, out, swept, sweep_run.ranges(swept))
+    sentence = sweep_run.failure_summary(swept)
     if sentence and output.as_json:
-        raise FailedError(sentence, json_output.to_jsonable(answer))
+        raise FailedError(sentence, runs.json_output.to_jsonable(answer))
     finish(lambda: answer, answer["files"], lambda: sweep_run.show(swept), output)
     if sentence:
         raise RuntimeError(sentence)
@@ -459,14 +398,12 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
         open_device(device)
     if scheduler is None:
         return {"workers": workers} | ({"device": device} if device else {})
-    from ..ensemble import reach
-
     if chosen and not experiment_of(chosen).parallel:
         raise ValueError(f"--scheduler requires several runs, but experiment = {chosen.experiment!r} is a single one")
     if workers is not None or device is not None:
         other = "workers" if device is None else "device"
         raise ValueError(f"--{other} and --scheduler exclude each other: a cluster has its own workers")
-    reach(scheduler)
+    ensemble.reach(scheduler)
     return {"workers": scheduler}
 
 
@@ -475,14 +412,12 @@ def _with_engine(chosen, engine: EngineOptions):
     from ..data.schema import require_lammps_for_ranks
 
     given = engine.values()
-    if engine.engine is not None:
-        check_choice("engine", engine.engine, ENGINES)
-    for name in given:
-        if not hasattr(chosen, "engine"):
-            raise ValueError(
-                f'--{name} applies to the experiments "flow" and "gouge" only, not to {chosen.experiment!r}'
-            )
+    if not given:
+        return chosen
+    if not hasattr(chosen, "engine"):
+        raise ValueError(
+            f'--{next(iter(given))} applies to the experiments "flow" and "gouge" only, not to {chosen.experiment!r}'
+        )
     chosen = chosen.model_copy(update=given)
-    if given:
-        require_lammps_for_ranks(chosen.engine, chosen.ranks)
+    require_lammps_for_ranks(chosen.engine, chosen.ranks)
     return chosen

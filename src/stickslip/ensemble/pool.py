@@ -26,15 +26,6 @@ from ..core.progress import Report, available_cores
 from ..core.readable import readable
 from ..extras import require
 from . import worker
-from .worker import (
-    TRIES,
-    SchedulerGoneError,
-    WorkerDiedError,
-    WorkerProcess,
-    borrowed,
-    describe_error,
-    waiting_processes,
-)
 
 
 @runtime_checkable
@@ -92,10 +83,6 @@ def reach(workers: Workers) -> Spread:
         return Spread(slots, f"the Dask cluster at {client.scheduler.address}, {now}")
 
 
-def _describe(member: Member) -> str:
-    return member.failure or "done"
-
-
 @checked
 def run_members(
     function: Callable,
@@ -104,7 +91,7 @@ def run_members(
     workers: Workers = None,
     stage: str = "members",
     report: Report | None = None,
-    describe: Callable[[Member], str] = _describe,
+    describe: Callable[[Member], str] = lambda member: member.failure or "done",
     load: Callable[[int], Any] | None = None,
     save: Callable[[int, Any], None] | None = None,
     together: bool = False,
@@ -165,7 +152,7 @@ def run_members(
         try:
             run = _run_together if together else partial(_run_tasks, workers=workers)
             run(function, missing, keep=keep, heard=heard if report else None)
-        except SchedulerGoneError as problem:
+        except worker.SchedulerGoneError as problem:
             raise RuntimeError(f"{problem}; {members.count(None)} of {len(tasks)} members did not finish") from None
     return members
 
@@ -201,7 +188,7 @@ def _attempt(function, k: int, task: tuple, heard) -> Member:
     try:
         return Member(function(*task, *((partial(heard, k),) if heard else ())), None)
     except Exception as problem:
-        return Member(None, describe_error(problem))
+        return Member(None, worker.describe_error(problem))
 
 
 def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard) -> None:
@@ -239,7 +226,7 @@ def _unpack_result(packed: bytes | None, failure: str | None) -> Member:
     try:
         return Member(None, failure) if packed is None else Member(pickle.loads(packed), None)
     except Exception as problem:
-        return Member(None, f"its result cannot be read here ({describe_error(problem)})")
+        return Member(None, f"its result cannot be read here ({worker.describe_error(problem)})")
 
 
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
@@ -373,12 +360,12 @@ def _events(client, events, futures: dict, ask):
     ask(ahead)
     while futures:
         if client.status != "running":
-            raise SchedulerGoneError("the Dask scheduler has disappeared")
+            raise worker.SchedulerGoneError("the Dask scheduler has disappeared")
         if time.monotonic() - looked >= POLL:
             try:
                 looked, slots = time.monotonic(), sum(client.nthreads().values())
             except OSError:  # the scheduler has just disappeared
-                raise SchedulerGoneError("the Dask scheduler has disappeared") from None
+                raise worker.SchedulerGoneError("the Dask scheduler has disappeared") from None
             ahead = max(AHEAD, 2 * slots)
             if not slots:
                 yield "said", next(iter(futures)), "the cluster", 0.0, "no workers yet, waiting for the first"
@@ -393,15 +380,15 @@ def _result_of(future) -> tuple[bytes | None, str | None]:
     """Result of a task, or the reason why it failed."""
     killed = require("distributed.scheduler", "cluster").KilledWorker
     if future.cancelled():
-        raise SchedulerGoneError("the Dask scheduler has disappeared, or has lost the tasks")
+        raise worker.SchedulerGoneError("the Dask scheduler has disappeared, or has lost the tasks")
     try:
         return future.result()
     except killed:
         return None, "worker died (killed, or out of memory) each time the scheduler tried the task"
-    except WorkerDiedError as problem:
+    except worker.WorkerDiedError as problem:
         return None, str(problem)
     except Exception as problem:
-        return None, describe_error(problem)
+        return None, worker.describe_error(problem)
 
 
 def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, str | None]:
@@ -418,20 +405,20 @@ def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, 
     def heard(*said) -> None:
         host.log_event(topic, [k, *said])
 
-    def end_if_unwanted(process: WorkerProcess, finished: Event) -> None:
+    def end_if_unwanted(process: worker.WorkerProcess, finished: Event) -> None:
         while not finished.wait(POLL):  # the thread that waits for the process cannot kill it
             if unwanted():
                 process.kill()
                 return
 
-    for tries in range(1, TRIES + 1):
+    for tries in range(1, worker.TRIES + 1):
         finished = Event()
         try:
-            with borrowed(waiting_processes) as process:
+            with worker.borrowed(worker.waiting_processes) as process:
                 Thread(target=end_if_unwanted, args=(process, finished), daemon=True).start()
                 return process.call(packed, PAUSE if topic else None, heard)
-        except WorkerDiedError as problem:
-            if tries == TRIES or unwanted():
+        except worker.WorkerDiedError as problem:
+            if tries == worker.TRIES or unwanted():
                 return None, f"{problem}, {tries} times"
         finally:
             finished.set()

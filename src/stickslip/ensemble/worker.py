@@ -164,10 +164,9 @@ def serve() -> None:
     """
     code = 1
     try:
-        _serve()
+        with suppress(BrokenPipeError):  # the parent has ended
+            _serve()
         code = 0
-    except BrokenPipeError:
-        code = 0  # the parent has ended
     except BaseException:
         traceback.print_exc()
     finally:

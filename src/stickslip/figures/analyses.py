@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import numpy as np
 import scipy  # its submodules are imported on first use, as this takes tenths of a second
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.collections import LineCollection
 from matplotlib.patches import Patch
 
 from ..core.arguments import Array, Requirement, Result, knows_bonds, require_filled
@@ -25,6 +25,7 @@ from ..solve.force_chains import (
 )
 from ..solve.inclusion import Inflation, ScreeningFits
 from ..solve.waves import Dispersion
+from .grains import draw_disks
 from .style import (
     BLACK,
     BLUE,
@@ -442,13 +443,8 @@ def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceC
     position = net.position @ plane.T
     chained = np.isin(np.arange(len(net.radius)), np.concatenate([*chains.chains, np.zeros(0, int)]))
     if net.dim == 2:
-        axes.add_collection(
-            EllipseCollection(
-                2 * net.radius, 2 * net.radius, 0 * net.radius, units="xy", offsets=position,
-                offset_transform=axes.transData, facecolors=np.where(chained, SAND, PALE), edgecolors="0.75",
-                linewidths=0.2, zorder=1,
-            )
-        )  # fmt: skip
+        colors = np.where(chained, SAND, PALE)
+        draw_disks(axes, position, net.radius, facecolors=colors, edgecolors="0.75", linewidths=0.2, zorder=1)
     start, reach = position[net.pair_i], net.branch @ plane.T
     size, pulls = np.clip(np.abs(net.force_n) / net.mean, 0.1, MOST), net.force_n < 0
     room = 72 * min(PAGE / 2, HEIGHT / 2) * 0.8 / max(np.ptp(position, axis=0).max(), 2 * net.radius.max())

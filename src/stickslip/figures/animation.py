@@ -1,6 +1,5 @@
 """Movies of a packing as GIF or MP4: frames of a run, stored or interpolated, or one period of a mode."""
 
-from contextlib import contextmanager
 from pathlib import Path
 from shutil import which
 from subprocess import CalledProcessError
@@ -83,18 +82,25 @@ def movie(
         if path.suffix.lower() == ".mp4":
             extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
             writer = FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
-        with _explain_ffmpeg_failure(), writer.saving(figure, str(path), dpi):
-            for k, frame in enumerate(frames):
-                axes.clear()
-                drawn = draw(axes, frame, layout, mode=mode, first=frames[0], near=False)
-                draw_legend(axes, frame, near=False, colour=colour)
-                axes.set_title(labels[k], fontsize=settings["font.size"], pad=4)
-                _fit_texts(axes)
-                if colour and k == 0:
-                    place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
-                    draw_colour_bar(figure, drawn, layout, cax=place, orientation="horizontal")
-                writer.grab_frame()
-                report("movie", (k + 1) / len(frames), f"frame {k + 1} of {len(frames)}")
+        try:
+            with writer.saving(figure, str(path), dpi):
+                for k, frame in enumerate(frames):
+                    axes.clear()
+                    drawn = draw(axes, frame, layout, mode=mode, first=frames[0], near=False)
+                    draw_legend(axes, frame, near=False, colour=colour)
+                    axes.set_title(labels[k], fontsize=settings["font.size"], pad=4)
+                    _fit_texts(axes)
+                    if colour and k == 0:
+                        place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
+                        draw_colour_bar(figure, drawn, layout, cax=place, orientation="horizontal")
+                    writer.grab_frame()
+                    report("movie", (k + 1) / len(frames), f"frame {k + 1} of {len(frames)}")
+        except (CalledProcessError, BrokenPipeError) as problem:
+            how = f"exit code {problem.returncode}" if isinstance(problem, CalledProcessError) else "it closed its pipe"
+            raise RuntimeError(
+                f"ffmpeg ended before the movie was complete ({how}): free some space if the disk is full, or write a "
+                ".gif"
+            ) from None
     return path
 
 
@@ -117,18 +123,6 @@ def check_movie(path: Path, fps: int) -> None:
         raise ValueError(f"frames per second must be from 1 to 100, got {fps}")
     if path.suffix.lower() == ".mp4":
         _find_ffmpeg()
-
-
-@contextmanager
-def _explain_ffmpeg_failure():
-    """Turn a premature exit of ffmpeg, for example because the disk is full, into a one-sentence error."""
-    try:
-        yield
-    except (CalledProcessError, BrokenPipeError) as problem:
-        how = f"exit code {problem.returncode}" if isinstance(problem, CalledProcessError) else "it closed its pipe"
-        raise RuntimeError(
-            f"ffmpeg ended before the movie was complete ({how}): free some space if the disk is full, or write a .gif"
-        ) from None
 
 
 class GifWriter(PillowWriter):

@@ -180,12 +180,12 @@ def draw(
         slab, back = (_depth_slabs(z, position[:, 2]) for z in (position[:, 2], 0.5 * (start[:, 2] + ends[:, 2])))
     for number in np.unique(slab):
         rows = slab == number
-        _draw_balls(axes, position[rows, :2], radius[rows], colors[rows], zorder=2 + number)
+        draw_disks(axes, position[rows, :2], radius[rows], facecolors=colors[rows], linewidths=0.3, zorder=2 + number)
         if dim == 3 and len(position) <= SHINING:
             x, y, size = SHINE
-            _draw_balls(
-                axes, position[rows, :2] + radius[rows, None] * [x, y], size * radius[rows], (1.0, 1.0, 1.0, 0.35),
-                zorder=2.3 + number, edge="none",
+            draw_disks(
+                axes, position[rows, :2] + radius[rows, None] * [x, y], size * radius[rows],
+                facecolors=(1.0, 1.0, 1.0, 0.35), edgecolors="none", linewidths=0.3, zorder=2.3 + number,
             )  # fmt: skip
     for number in np.unique(back):
         rows = back == number
@@ -229,12 +229,13 @@ def view_limits(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     return layout.low - [margin, 6 * margin], layout.high + margin
 
 
-def _draw_balls(axes, place: np.ndarray, radius: np.ndarray, colors, *, zorder: float, edge: str = "0.45") -> None:
-    balls = EllipseCollection(
+def draw_disks(axes, place: np.ndarray, radius: np.ndarray, *, edgecolors: str = "0.45", **style) -> EllipseCollection:
+    """Draw disks in units of the axes, without changing their limits; return the collection."""
+    disks = EllipseCollection(
         2 * radius, 2 * radius, 0 * radius, units="xy", offsets=place, offset_transform=axes.transData,
-        facecolors=colors, edgecolors=edge, linewidths=0.3, zorder=zorder,
+        edgecolors=edgecolors, **style,
     )  # fmt: skip
-    axes.add_collection(balls, autolim=False)
+    return axes.add_collection(disks, autolim=False)
 
 
 def _draw_outlines(axes, lines: np.ndarray, depth: np.ndarray, dim: int, *, zorder: float, **style) -> None:
@@ -439,17 +440,12 @@ def draw_grains_by_speed(axes: Axes, state: State, place: Numbers, loose: Bodies
     speed = np.full(n, np.nan)
     speed[loose] = np.linalg.norm(state.grains.velocity[loose], axis=1)
     glued = np.setdiff1d(np.arange(n), loose)
-    size = 2 * state.grains.radius
-    order = loose[np.argsort(place[loose, 2], kind="stable")]
-    options = {"units": "xy", "offset_transform": axes.transData, "linewidths": 0.1, "edgecolors": BLACK}
+    radius, order = state.grains.radius, loose[np.argsort(place[loose, 2], kind="stable")]
     around = state.cell.vectors[0, 0] if state.cell.periodic[0] else 0.0
     drawn = None
     for shift in (around, -around, 0.0) if around else (0.0,):  # grains at an edge are drawn at both edges
         at = place[:, :2] + [shift, 0.0]
         for rows, color in ((glued, {"facecolors": "0.6"}), (order, {"array": speed[order], "clim": (0.0, top)})):
-            drawn = axes.add_collection(
-                EllipseCollection(
-                    size[rows], size[rows], np.zeros(len(rows)), offsets=at[rows], cmap="viridis", **color, **options
-                )
-            )
+            style = {"edgecolors": BLACK, "linewidths": 0.1, "cmap": "viridis"}
+            drawn = draw_disks(axes, at[rows], radius[rows], **style, **color)
     return drawn

@@ -214,9 +214,7 @@ def _by_grain(frame: Frame, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 def _pressure(frame: Frame) -> np.ndarray:
     c, radius, dim = frame.contacts, frame.state.grains.radius, frame.state.cell.dim
-    force = c["force_n"] * np.linalg.norm(
-        c["branch"], axis=1
-    )  # f·l: the tangential force has no component along the branch
+    force = c["force_n"] * np.linalg.norm(c["branch"], axis=1)  # f·l: tangential forces have no part along the branch
     other = np.where(c["j"] < len(radius), radius[np.minimum(c["j"], len(radius) - 1)], 0.0)
     share = radius[c["i"]] / (radius[c["i"]] + other)
     volume = np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3
@@ -225,12 +223,7 @@ def _pressure(frame: Frame) -> np.ndarray:
 
 SMOOTH = 3000  # largest number of grains with antialiasing, which is slow without a graphics card
 MOST = 24e6  # size of the frames in a page, before compression [bytes]
-WIDTHS = (
-    0.5,
-    1.0,
-    2.0,
-    4.0,
-)  # widths of contact lines, one for each class of force over its mean; the last class is unbounded
+WIDTHS = (0.5, 1.0, 2.0, 4.0)  # widths of contact lines by class of force over its mean; the last is unbounded
 LINE = {2: 0.22, 3: 0.07}  # line width of a contact with the mean force, over the mean radius
 LINES = {"stick": BLUE, "slide": RED, "bond": BOND, "broken": BROKEN}  # names and colours of lines
 CEMENT = 2  # index of the width of bonds
@@ -296,7 +289,7 @@ def page_view(
     data = view_data(frames, modes, at=at, labels=labels, zoom=zoom)
     plot = _plot(data, _choose_quantity(data, colour), 480)
     here = files(__package__)
-    packed = base64.b64encode(zlib.compress(json.dumps(data).encode(), 6)).decode()
+    packed = _in_base64(zlib.compress(json.dumps(data, default=_in_base64).encode(), 6))
     code = here.joinpath("view.js").read_text(encoding="utf-8").replace("[DATA]", packed)
     text = plot.get_snapshot(6, additional_js_code=code)
     # K3D's title contains the time of day
@@ -306,8 +299,10 @@ def page_view(
 def view_data(
     frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str] | None = None, zoom: Zoom = 1.0
 ) -> dict:
-    """Data for `view.js`, as JSON; arrays are base64-encoded float32 (int32 for i and j, uint8 for mode)."""
-    chosen = sorted({*_select_frames(frames), at})
+    """Data for `view.js`, in which arrays are base64-encoded: float32 (int32 for i and j, uint8 for mode and size)."""
+    size = max(40 * len(f.state.grains.radius) + 25 * len(f.contacts["i"]) for f in frames)
+    count = min(len(frames), max(2, int(MOST / size)))  # as many as fit on a page, evenly spaced, with both ends
+    chosen = sorted({at, *(round(k) for k in np.linspace(0, len(frames) - 1, count))})
     first, mode = frames[0], modes[0] if modes else None
     for translation, rotation, _ in modes:
         require_shape((len(first.state.grains.radius), 3), translation=translation, rotation=rotation)
@@ -322,18 +317,18 @@ def view_data(
         period = with_unit(f"period {2 * np.pi / abs(s.imag):.4g}", "time") if s.imag else "no period"
         grows = with_unit(f", e-folding time {1 / s.real:.4g}", "time") if s.real > 0 else ""
         u = u.conj() if s.imag > 0 else u  # `view.js` animates all modes as exp(-iωt)
-        moves.append({"words": f"{period}{grows}", "re": _encode(u.real), "im": _encode(u.imag)})
+        moves.append({"words": f"{period}{grows}", "re": np.float32(u.real), "im": np.float32(u.imag)})
     about = [a for a in about if a["low"] < a["high"] or a["name"] == "coordination"]
     out = [_frame_data(frames[k], labels[k] if labels else "") for k in chosen]
     for item, column in zip(out, columns, strict=True):
-        item["values"] = {a["name"]: _encode(column[a["name"]][0]) for a in about}
+        item["values"] = {a["name"]: np.float32(column[a["name"]][0]) for a in about}
     radius, dim = first.state.grains.radius, first.state.cell.dim
     red, green, blue = np.round(255 * colormaps["viridis"](np.arange(256))[:, :3]).astype(int).T
     # a motion begins with its first frame, a load path is shown at its end
     start = 0 if first.state.time < frames[-1].state.time else len(chosen) - 1
     return {
-        "dim": dim, "n": len(radius), "radius": _encode(radius), "frames": out, "left_out": len(frames) - len(chosen),
-        "quantities": about, "mode_frame": chosen.index(at), "start": start,
+        "dim": dim, "n": len(radius), "radius": np.float32(radius), "frames": out,
+        "left_out": len(frames) - len(chosen), "quantities": about, "mode_frame": chosen.index(at), "start": start,
         "modes": moves,
         "eye": view_basis(first).tolist(), "box": view_box([frames[k] for k in chosen], zoom).tolist(), "fov": FOV[dim],
         "map": (red << 16 | green << 8 | blue).tolist(),  # 0xrrggbb
@@ -341,13 +336,6 @@ def view_data(
         "colours": {name: _to_int(c) for name, c in LINES.items()} | {"kinds": [_to_int(c) for c in COLORS]},
         "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
     }  # fmt: skip
-
-
-def _select_frames(frames: list[Frame]) -> list[int]:
-    """Indices of as many evenly spaced frames as fit on a page, including the first and the last."""
-    size = max(40 * len(f.state.grains.radius) + 25 * len(f.contacts["i"]) for f in frames)
-    count = min(len(frames), max(2, int(MOST / size)))
-    return sorted({round(k) for k in np.linspace(0, len(frames) - 1, count)})
 
 
 def _describe_quantity(name: str, series: list[tuple[np.ndarray, str]]) -> dict:
@@ -370,9 +358,9 @@ def _frame_data(frame: Frame, label: str) -> dict:
     kind = np.concatenate([c["mode"] == SLIDE, np.where(bonds["intact"], 2, 3)])
     size = np.append(np.searchsorted(WIDTHS[:-1], force / mean), np.full(len(bonds["i"]), CEMENT))
     return {
-        "label": label, "position": _encode(wrapped(state)), "i": _encode(i, np.int32), "j": _encode(j, np.int32),
-        "branch": _encode(branch), "mode": _encode(kind, np.uint8), "size": _encode(size, np.uint8),
-        "edges": _encode(cell_edges(frame)), "walls": _encode(wall_edges(frame)),
+        "label": label, "position": np.float32(wrapped(state)), "i": np.int32(i), "j": np.int32(j),
+        "branch": np.float32(branch), "mode": np.uint8(kind), "size": np.uint8(size),
+        "edges": np.float32(cell_edges(frame)), "walls": np.float32(wall_edges(frame)),
     }  # fmt: skip
 
 
@@ -390,31 +378,28 @@ def _plot(data: dict, shown: int, height: int):
     """K3D plot of the first frame."""
     import k3d  # the import takes a third of a second, and only this function needs it
 
-    frame = data["frames"][0]
-    position = _decode(frame["position"]).reshape(-1, 3)
-    values, about = _decode(frame["values"][data["quantities"][shown]["name"]]), data["quantities"][shown]
+    frame, about = data["frames"][0], data["quantities"][shown]
+    position, branch, values = frame["position"], frame["branch"], frame["values"][about["name"]]
     span = (about["high"] - about["low"]) or 1.0
     share = np.clip((values - about["low"]) / span, 0, 1)
     colors = np.array(data["map"], np.uint32)[(255 * share).astype(int)]
-    sizes = 2 * _decode(data["radius"])
+    sizes = 2 * data["radius"]
     plot = k3d.plot(
         height=height, grid_visible=False, menu_visibility=False, camera_auto_fit=False, background_color=0xFFFFFF,
         camera_fov=data["fov"], camera_no_rotate=data["dim"] == 2, colorbar_object_id=0, axes_helper=0.6,
         lighting=1.6, antialias=2 if data["n"] <= SMOOTH else 0,
     )  # fmt: skip
     plot += k3d.points(position, point_sizes=sizes, colors=colors, shader="3d", name="grains")
-    branch, i = _decode(frame["branch"]).reshape(-1, 3), _decode(frame["i"], np.int32)
-    kinds, size = (_decode(frame[name], np.uint8) for name in ("mode", "size"))
-    start = position[i] + ([0, 0, 1.05 * sizes.max() / 2] if data["dim"] == 2 else 0)
+    start = position[frame["i"]] + ([0, 0, 1.05 * sizes.max() / 2] if data["dim"] == 2 else 0)
     for kind, name in enumerate(data["lines"]):
         for number, width in enumerate(data["widths"]):
             if kind > 1 and number != CEMENT:
                 continue
-            rows = (kinds == kind) & (size == number)
+            rows = (frame["mode"] == kind) & (frame["size"] == number)
             ends = np.stack([start[rows], start[rows] - branch[rows]], axis=1)
             plot += _lines(k3d, ends, f"{name} {number}", data["colours"][name], width)
     for name, color in (("edges", 0x555555), ("walls", 0x8A6D3B)):
-        plot += _lines(k3d, _decode(frame[name]).reshape(-1, 2, 3), name, color, 0.1 * float(sizes.mean() / 2))
+        plot += _lines(k3d, frame[name], name, color, 0.1 * float(sizes.mean() / 2))
     low, high = np.array(data["box"])
     _, up, toward = np.array(data["eye"])
     center, reach = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))  # the box in a square
@@ -427,9 +412,7 @@ def _lines(k3d, ends: np.ndarray, name: str, color: int, width: float):
     """Line segments (E, 2, 3); a single segment of zero length if there are none, because K3D requires at least one."""
     ends = ends.astype(np.float32).reshape(-1, 3) if len(ends) else np.zeros((2, 3), np.float32)
     rows = np.arange(len(ends), dtype=np.uint32)
-    return k3d.lines(
-        ends, rows, indices_type="segment", color=color, width=width, shader="thick", name=name
-    )  # fmt: skip
+    return k3d.lines(ends, rows, indices_type="segment", color=color, width=width, shader="thick", name=name)
 
 
 def view_box(frames: list[Frame], zoom: Zoom = 1.0) -> np.ndarray:
@@ -449,12 +432,8 @@ def count_out_of_view(frames: list[Frame], zoom: Zoom = 1.0) -> int:
     return int(np.any([outside(wrapped(frame.state), *box) for frame in frames], axis=0).sum())
 
 
-def _encode(values, kind=np.float32) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()
-
-
-def _decode(text: str, kind=np.float32) -> np.ndarray:
-    return np.frombuffer(base64.b64decode(text), kind)
+def _in_base64(content: bytes | np.ndarray) -> str:
+    return base64.b64encode(bytes(content)).decode()
 
 
 def _to_int(color: str) -> int:

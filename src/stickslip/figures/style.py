@@ -36,15 +36,8 @@ PANEL, DRAWING = 0.4, 0.9  # inches, smallest height of a panel on slides, and o
 LEAST_LABEL = 0.7  # fraction of its size to which a long label is shrunk on slides
 SLIDE_PIXELS = 1920  # width of figures on slides
 SLIDE_MOVIE, SLIDE_DPI = (5.12, 2.88), 250  # canvas of a movie on slides [inches], of 1280 × 720 pixels
-BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#D55E00",
-    "#CC79A7",
-    "#56B4E9",
-    "#000000",
-)
+BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+PURPLE, SKY, BLACK = "#CC79A7", "#56B4E9", "#000000"
 BOND, BROKEN = "#C9A66B", PURPLE  # lines of bonds, under those of contacts
 COLORS = (BLUE, SKY, GREEN, ORANGE, RED, PURPLE, BLACK)
 STYLE = {
@@ -188,10 +181,15 @@ def axis_label(quantity: str, unit: str = "", power: int = 0) -> str:
     return f"{quantity}{gap}[{inside}]" if inside else quantity
 
 
+def _power(number: float) -> int:
+    """Power of ten that is written apart from a number; 0 if it is of order one."""
+    power = int(np.floor(np.log10(abs(number)))) if number else 0
+    return 0 if POWERS[0] < power < POWERS[1] else power
+
+
 def power_of_ten(number: float, error: float | None = None) -> str:
     """Write a number, and its error, with three digits, as in (1.23 ± 0.05) × 10⁻³; plainly if it is of order one."""
-    power = int(np.floor(np.log10(abs(number)))) if number else 0
-    power = 0 if POWERS[0] < power < POWERS[1] else power
+    power = _power(number)
     mantissa = f"{number / 10.0**power:.3g}"
     if error is not None:
         mantissa = f"({mantissa} ± {error / 10.0**power:.2g})" if power else f"{mantissa} ± {error:.2g}"
@@ -241,9 +239,7 @@ class _PowerFormatter(ScalarFormatter):
         self.words = quantity, unit
 
     def format_ticks(self, values) -> list[str]:
-        largest = np.abs(values).max(initial=0.0)
-        power = int(np.floor(np.log10(largest))) if largest else 0
-        power = 0 if POWERS[0] < power < POWERS[1] else power
+        power = _power(np.abs(values).max(initial=0.0))
         text = axis_label(*self.words, power)
         if self.axis.get_label_text() != text:
             self.axis.set_label_text(text)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy  # scipy.special is imported on first use, as this takes a tenth of a second
 
+from .. import reports
 from ..data.run_files import CHART, CLAIMS, NOTES
 
 if TYPE_CHECKING:  # these need Matplotlib
@@ -293,10 +294,9 @@ def write_claims(
     """Write claims.json, claims.md and claims.png; `failures` are sentences, printed and listed in claims.md."""
     from ..figures.claims import claims_chart
     from ..figures.style import PLAIN, render_all
-    from .terminal import console
 
     for failure in failures:
-        console.print(failure, style="yellow")
+        reports.terminal.console.print(failure, style="yellow")
     write_json(folder / CLAIMS, claims)
     (folder / NOTES).write_text(markdown(claims, shows, title, failures), encoding="utf-8")
     for name, content in render_all(CHART, claims_chart(chart_rows(claims, shows), title), look or PLAIN).items():
@@ -444,13 +444,12 @@ def show_claims(claims: list[Claim], shows: Shows) -> None:
     """Print three sentences and a line per figure of the paper; everything else is in claims.md."""
     from rich.table import Table
 
-    from .terminal import UNBROKEN, console
-
+    console = reports.terminal.console
     for sentence in summarize(claims, shows):
         console.print(sentence)
     # on a narrow terminal, the key number is folded
     lines = figure_lines(claims, shows)
-    folded = console.width < UNBROKEN
+    folded = console.width < reports.terminal.UNBROKEN
     table = Table(box=None, pad_edge=False, header_style="bold", expand=folded)
     names = ("paper", "shows", "reproduced", "key number")
     for k, name in enumerate(names):

@@ -61,21 +61,19 @@ def attempt(function, *arguments, **options):
 
 
 def to_dict(more: Details) -> dict:
-    """Return the details for JSON: null for quantities with an entry in `reasons`."""
+    """Return the details for `to_json`: None for quantities with an entry in `reasons`."""
     m, t, s = more.moduli, more.transient, more.contacts
     parts = {"moduli": m, "transient": t, "contacts": s}
     moduli = None
     if not isinstance(m, str):
         names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
-        numbers = {name: float(getattr(m, name)) for name in names}
-        moduli = {name: value if np.isfinite(value) else None for name, value in numbers.items()}
-        moduli |= {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
+        moduli = {name: getattr(m, name) for name in names} | {"voigt": m.voigt, "voigt_affine": voigt(m.affine)}
     return {
-        "participation_ratio": [float(p) for p in more.participation],
+        "participation_ratio": more.participation,
         "moduli": moduli,
         "transient": None if isinstance(t, str) else {
             **{name: float(getattr(t, name)) for name in ("amplitude", "time", "bound", "of_pair")},
-            "norm": t.norm, "duration": float(t.times[-1]), "pair": [float(w) for w in t.pair],
+            "norm": t.norm, "duration": t.times[-1], "pair": t.pair,
         },
         "contacts": None if isinstance(s, str) else [_contact_dict(s, k) for k in range(min(CONTACTS, len(s.contact)))],
         "contacts_scope": "" if isinstance(s, str) else s.scope,
@@ -85,13 +83,11 @@ def to_dict(more: Details) -> dict:
 
 def _contact_dict(s: ContactSensitivity, k: int) -> dict:
     slope = s.growth_derivative[np.searchsorted(s.contacts, s.contact[k])] if len(s.derivative) else None
-    after = float(s.after[k]) if s.verified[k] else None
     return {
-        "contact": int(s.contact[k]), "i": int(s.i[k]), "j": int(s.j[k]), "what": str(s.what[k]),
-        "mobilised": float(s.mobilised[k]) if np.isfinite(s.mobilised[k]) else None,
-        "growth_rate_before": s.growth_rate, "growth_rate_after": after, "predicted": float(s.predicted[k]),
-        "verdict_after": str(s.verdict_after[k]) or None, "turns": bool(s.turns[k]), "verified": bool(s.verified[k]),
-        "derivative": None if slope is None else float(slope),
+        "contact": s.contact[k], "i": s.i[k], "j": s.j[k], "what": s.what[k], "mobilised": s.mobilised[k],
+        "growth_rate_before": s.growth_rate, "growth_rate_after": s.after[k] if s.verified[k] else None,
+        "predicted": s.predicted[k], "verdict_after": s.verdict_after[k] or None, "turns": s.turns[k],
+        "verified": s.verified[k], "derivative": slope,
     }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 from rich.table import Table
 
+from .. import reports
 from ..builtin_laws import NAMES
 from ..core.arguments import require_positive
 from ..core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, damping_model, parameter_names, with_values
@@ -61,10 +62,9 @@ class Settling(NamedTuple):
 def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> "BirthForm | str":
     """Return the normal form of the fastest pair, or the reason why there is none."""
     from ..solve.birth import birth_form
-    from .details import attempt
 
     bare = {} if dashpots else {"damping_n": 0.0, "damping_t": 0.0}
-    return attempt(lambda: birth_form(state, with_values(law, **bare)))
+    return reports.details.attempt(lambda: birth_form(state, with_values(law, **bare)))
 
 
 def find_probability(
@@ -72,11 +72,10 @@ def find_probability(
 ) -> "VerdictProbability | str":
     """Return the probability of the verdict with errors of positions, or the reason why it is unknown."""
     from ..solve.gradient import verdict_probability
-    from .details import attempt
 
     require_positive(position_error=error)
     law = law if dashpots or not damping_model(law) else with_values(law, damping_n=0.0, damping_t=0.0)
-    return attempt(verdict_probability, state, law, position_error=error, report=report)
+    return reports.details.attempt(verdict_probability, state, law, position_error=error, report=report)
 
 
 def probability_dict(sure: "VerdictProbability | str") -> dict:
@@ -244,13 +243,9 @@ def to_dict(
         "scope": result.scope,
     }
     if more:
-        from . import details
-
-        out["more"] = details.to_dict(more)
+        out["more"] = reports.details.to_dict(more)
     if bonds:
-        from . import details
-
-        out["bonds"] = details.bonds_dict(bonds)
+        out["bonds"] = reports.details.bonds_dict(bonds)
     if form:
         out["after"] = {"reason": form} if isinstance(form, str) else _form_dict(form)
     return out
@@ -301,7 +296,13 @@ def show(
     color = {True: "green", False: "red", None: "yellow"}[is_stable(result, notes)]
     console.print(verdict(result, None, notes), style=f"bold {color}")
     if not result.balanced:
-        _show_imbalance(result, why, remedy)
+        console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
+        for cause in why:
+            console.print(f"  - {cause}")
+        if remedy:
+            console.print(remedy)
+        if result.grows:
+            console.print(f"spectrum of the initial motion, no verdict: {result.motion}")
     if result.undamped:
         console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
         console.print(f"without dashpots: {result.undamped.motion}")
@@ -313,13 +314,9 @@ def show(
         console.print(f"rattlers (excluded): {some}")
     _show_exponents(result) if result.undamped else _show_pairs(result)
     if more:
-        from . import details
-
-        details.show(more, result)
+        reports.details.show(more, result)
     if bonds:
-        from . import details
-
-        details.show_bonds(bonds)
+        reports.details.show_bonds(bonds)
     if form:
         _show_form(form)
 
@@ -342,16 +339,6 @@ def _show_form(form: "BirthForm | str") -> None:
                 ratio = form.rates[k] / form.growth_rate
                 table.add_row(f"{form.amplitudes[k]:.4g}", f"{form.rates[k]:.4g}", f"{ratio:.3g}")
         show_table(table)
-
-
-def _show_imbalance(result: Stability, why, remedy: str) -> None:
-    console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
-    for cause in why:
-        console.print(f"  - {cause}")
-    if remedy:
-        console.print(remedy)
-    if result.grows:
-        console.print(f"spectrum of the initial motion, no verdict: {result.motion}")
 
 
 def describe_law(law: Law, state: State | None = None) -> str:

@@ -33,10 +33,7 @@ from ..data.sample import Obstacle, with_one_account
 from ..figures import animation as film
 from ..figures import page, scene
 from ..figures.analyses import enough_contacts, forces
-from ..figures.animation import frames_between
 from ..figures.grains import count_outside, layout_of, packing
-from ..figures.page import MARK
-from ..figures.scene import DISPLACEMENT, Zoom, outside_words
 from ..figures.style import render
 from ..loading.reading import read_packing
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
@@ -75,8 +72,8 @@ class PageContent(NamedTuple):
 
 
 def packing_content(
-    file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False,
-    dashpots: bool = True, search: bool | None = True, zoom: Zoom = 1.0, report: Report = silent,
+    file: Path, *, modes: Path | None = None, options: dict, settle: bool = False,
+    dashpots: bool = True, search: bool | None = True, zoom: scene.Zoom = 1.0, report: Report = silent,
 ) -> PageContent:  # fmt: skip
     """Load a packing file with `read_packing`, together with its verdict and modes.
 
@@ -100,7 +97,7 @@ def packing_content(
     large = search is None and n * (3 if state.cell.dim == 2 else 6) > SEARCHED
     if modes is None and search is not False and not large:
         try:
-            result = stability(state, law, method=method, dashpots=dashpots, report=report)
+            result = stability(state, law, dashpots=dashpots, report=report)
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
         # modes of a packing out of equilibrium are not instabilities, so none is shown
@@ -185,7 +182,7 @@ def _mode_table(modes: list) -> str:
     return page.table(columns, rows, classes=dict.fromkeys(columns, "number"))
 
 
-def write_page(shown: PageContent, path: Path, *, colour: str | None = None, zoom: Zoom = 1.0) -> None:
+def write_page(shown: PageContent, path: Path, *, colour: str | None = None, zoom: scene.Zoom = 1.0) -> None:
     """Write the page."""
     view = ""
     if shown.frames:
@@ -216,10 +213,10 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None, zoo
         part.write_bytes(text.encode())
 
 
-def notes_on_view(shown: PageContent, zoom: Zoom) -> list[str]:
+def notes_on_view(shown: PageContent, zoom: scene.Zoom) -> list[str]:
     """Note on grains outside the initial view of a page, if there are any."""
     away = scene.count_out_of_view(shown.frames, zoom) if shown.frames else 0
-    return [f"{outside_words(away)}: zoom out to see {'it' if away == 1 else 'them'}"] if away else []
+    return [f"{scene.outside_words(away)}: zoom out to see {'it' if away == 1 else 'them'}"] if away else []
 
 
 def describe_growth(s: complex) -> str:
@@ -237,7 +234,7 @@ def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame
     # the state with which the last stage begins
     first = 0 if whole else max((k for k, name in enumerate(shown.stages) if name != shown.stages[-1]), default=0)
     stored = shown.frames[first:]
-    frames = frames_between(stored, count)
+    frames = film.frames_between(stored, count)
     times = [frame.state.time for frame in stored]
     if min(np.diff(times), default=0) <= 0:  # a load path: time does not advance
         at = first + np.linspace(0, len(stored) - 1, count).round().astype(int)
@@ -254,7 +251,7 @@ def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame
 
 def write_movie(
     shown: PageContent, path: Path, *, colour: str | None = None, fps: int = film.FPS, count: int = 48,
-    amplitude: float = 0.3, mode: int | None = None, whole: bool = False, zoom: Zoom = 1.0, slides: bool = False,
+    amplitude: float = 0.3, mode: int | None = None, whole: bool = False, zoom: scene.Zoom = 1.0, slides: bool = False,
     report: Report = silent,
 ) -> list[str]:  # fmt: skip
     """Write the frames of a run, or one period of a mode, as a GIF or MP4; return notes on grains outside the view.
@@ -289,13 +286,13 @@ def write_movie(
         frames = mode_frames(shown.frames[shown.at], *chosen, count=count, amplitude=amplitude)
         note = "; NOT IN EQUILIBRIUM" if shown.unjudged else "; settled packing" if shown.warning else ""
         labels = [f"mode {mode}, enlarged: {describe_growth(chosen[2])}{note}"] * len(frames)
-    colour = colour or ("speed" if mode is None else DISPLACEMENT)
+    colour = colour or ("speed" if mode is None else scene.DISPLACEMENT)
     with staged_file(path) as part:
         film.movie(
             frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, zoom=zoom, slides=slides, report=report
         )
     away = count_outside(frames, layout_of(frames, zoom=zoom))
-    return [f"{outside_words(away)}: --zoom all shows every grain"] if away else []
+    return [f"{scene.outside_words(away)}: --zoom all shows every grain"] if away else []
 
 
 def default_path(place: Path, name: str) -> Path:
@@ -345,7 +342,7 @@ def _is_own_file(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(MARK_RANGE)
         file.seek(max(0, path.stat().st_size - MARK_RANGE))
-        return MARK.encode() in head + file.read(MARK_RANGE)
+        return page.MARK.encode() in head + file.read(MARK_RANGE)
 
 
 def _belongs_to_run(path: Path) -> bool:

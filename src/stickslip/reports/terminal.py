@@ -24,12 +24,6 @@ from ..core.units import heading
 UNBROKEN = 1000  # width of lines in a pipe or file, which other programs read
 
 
-def _width() -> int | None:
-    """Width of the output if it is not a terminal and COLUMNS is not set."""
-    terminal = sys.stdout is not None and sys.stdout.isatty()
-    return None if terminal or "COLUMNS" in os.environ else UNBROKEN
-
-
 class _Console(Console):
     """Console that shows control characters in texts instead of sending them."""
 
@@ -38,8 +32,9 @@ class _Console(Console):
             yield Segment(text if control else printable(text), style, control)
 
 
+_FITTED = (sys.stdout is not None and sys.stdout.isatty()) or "COLUMNS" in os.environ  # to a terminal
 # paths and names are printed verbatim
-console = _Console(soft_wrap=False, markup=False, highlight=False, width=_width())
+console = _Console(soft_wrap=False, markup=False, highlight=False, width=None if _FITTED else UNBROKEN)
 
 NARROW = 60  # width below which the cells of tables would be broken
 READABLE = 100  # largest width of a text
@@ -237,5 +232,4 @@ def show_lines(lines: Iterable[str]) -> None:
 def show_paths(paths: list[Path]) -> None:
     """Print the paths of the files written, one per line."""
     console.print("Written:")
-    for path in paths:
-        console.print(f"  {path}", soft_wrap=True)
+    show_lines(map(str, paths))

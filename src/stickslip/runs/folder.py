@@ -41,7 +41,7 @@ from ..data.run_files import (
     write_manifest,
 )
 from ..data.schema import ScenarioBase
-from ..experiments.registry import Experiment, is_run_file, list_files, named_measures, papers, read_tables
+from ..experiments.registry import Comparison, Experiment, is_run_file, list_files, named_measures, papers, read_tables
 from ..experiments.registry import read_scenario as read_scenario
 from ..figures.style import FORMATS, PLAIN, WIDTHS, Look, render_all
 from ..reports.claims import write_claims
@@ -195,7 +195,7 @@ def write_result(folder: Path, experiment: Experiment, result, look: Look = PLAI
         units_in_use(result.scenario.named_units),
         staged_results(folder, failures=experiment.failures(result)) as staging,
     ):
-        save(staging, result.scenario, _contents(experiment, result, experiment.numbers(result)))
+        _save_result(staging, experiment, result, experiment.numbers(result))
         _write_files(staging, experiment.files(result), experiment.figures(result), look)
     return list_files(folder)
 
@@ -203,10 +203,15 @@ def write_result(folder: Path, experiment: Experiment, result, look: Look = PLAI
 def write_comparison(folder: Path, scenario: ScenarioBase, draw: Callable, look: Look = PLAIN) -> tuple[str, ...]:
     """Write figures that compare a laboratory test with a finished run, and return sentences about them."""
     with units_in_use(scenario.named_units):
-        found = draw(archive.read(folder / NUMBERS))
-        for name, figure in found.files.items():
-            for each, content in render_all(name, figure, look).items():
-                write_file(folder, each, content)
+        return write_comparison_files(folder, draw(archive.read(folder / NUMBERS)), look)
+
+
+def write_comparison_files(folder: Path, found: Comparison, look: Look) -> tuple[str, ...]:
+    """Write the figures and texts of a comparison into a folder with results, and return its sentences."""
+    for name, content in found.files.items():
+        files = {name: content.encode()} if isinstance(content, str) else render_all(name, content, look)
+        for each, data in files.items():
+            write_file(folder, each, data)
     return found.remarks
 
 
@@ -220,15 +225,15 @@ def is_finished(folder: Path, scenario: ScenarioBase) -> bool:
 def write_numbers(folder: Path, experiment: Experiment, result) -> None:
     """Write only the scenario and raw numbers, as for members of a sweep."""
     with staged_results(folder) as staging:
-        save(staging, result.scenario, _contents(experiment, result, experiment.numbers(result)))
+        _save_result(staging, experiment, result, experiment.numbers(result))
 
 
-def _contents(experiment: Experiment, result, numbers: dict) -> dict:
-    """Contents of the archive: the numbers of a result, and its measures with their units."""
+def _save_result(staging: Path, experiment: Experiment, result, numbers: dict) -> None:
+    """Write the scenario of a result, and its numbers together with its measures and their units."""
     pairs = named_measures(experiment, result)
     if measures := {name: {"value": value, "unit": unit} for name, (value, unit) in pairs.items()}:
         numbers["measures"] = measures
-    return numbers
+    save(staging, result.scenario, numbers)
 
 
 def write_reproduction(folder: Path, experiment: Experiment, reproduction, look: Look = PLAIN) -> list[Path]:
@@ -243,7 +248,7 @@ def write_reproduction(folder: Path, experiment: Experiment, reproduction, look:
 
     failures = of("failures")
     with units_in_use(reproduction.main.scenario.named_units), staged_results(folder, failures=failures) as staging:
-        save(staging, reproduction.main.scenario, _contents(experiment, reproduction.main, of("numbers")))
+        _save_result(staging, experiment, reproduction.main, of("numbers"))
         _write_files(staging, of("files"), of("figures"), look)
         write_claims(staging, reproduction.claims, paper.shows(), paper.title, failures, look)
     return list_files(folder)

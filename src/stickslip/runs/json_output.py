@@ -18,6 +18,11 @@ if TYPE_CHECKING:  # these need xarray, SciPy's statistics and Matplotlib
 LIBRARIES = ("numpy", "scipy", "h5py")
 
 
+def show(command: str, fields: dict, **common) -> None:
+    """Print the object of a command: the fields common to all commands (see `common_fields`), and its own."""
+    print(to_json(common_fields(command, **common) | fields))
+
+
 def to_json(answer: dict) -> str:
     """Return an object as ASCII JSON; non-finite numbers are null."""
     return json.dumps(to_jsonable(answer), allow_nan=False)

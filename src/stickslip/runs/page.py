@@ -99,7 +99,11 @@ def folder_content(
     check_law_files(tables)  # states can be read only with their law
     states = _read_states(folder / NUMBERS, frame)
     tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
-    labels = _labels(states, tree)
+    times = [state.time for _, state, *_ in states]
+    stages = tuple(_stage_of(time, tree.get("stages", {})) for time in times)
+    labels = [name.rpartition("/")[2] for name, *_ in states]
+    if len(set(times)) > 1:  # not a load path, whose states are labelled by their loads
+        labels = [_label(*about) for about in zip(labels, times, stages, strict=True)]
     states = [(name, with_neighbor_list(state), law) for name, state, law, _ in states]
     frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]
     at, modes, why = _find_unstable(states, frame, report) if search else (0, [], "")
@@ -127,8 +131,7 @@ def folder_content(
     title = f"{tables.get('experiment', 'run')}: {folder.resolve().name}"
     sentence = f"unstable ({labels[at]}): {describe_growth(modes[0][2])}" if modes else ""
     return PageContent(
-        title, versions, frames, labels, at, modes, sections, without, why, why, sentence,
-        tuple(_stage_of(frame.state.time, _stages(tree)) for frame in frames), "scenario",
+        title, versions, frames, labels, at, modes, sections, without, why, why, sentence, stages, "scenario",
     )  # fmt: skip
 
 
@@ -161,26 +164,13 @@ def _read_states(path: Path, frame: str | None) -> list:
     return mine if np.ptp([item[1].time for item in mine]) == 0 else sorted(mine, key=lambda item: item[1].time)
 
 
-def _labels(states: list, tree: dict) -> list[str]:
-    """Label each state by its stage and time, or by its load if time does not advance."""
-    stages = _stages(tree)
-    advances = len({state.time for _, state, *_ in states}) > 1
-    return [_label(name.rpartition("/")[2], state.time, stages, advances) for name, state, *_ in states]
-
-
-def _stages(tree: dict) -> list[dict]:
-    return [stage for stage in tree.get("stages", {}).values() if isinstance(stage, dict) and "start" in stage]
-
-
-def _stage_of(time: float, stages: list[dict]) -> str:
+def _stage_of(time: float, stages: dict) -> str:
     """Name of the stage at a time; where two stages meet, the earlier one."""
-    return next((stage["name"] for stage in stages if stage["start"] <= time <= stage["end"]), "")
+    known = (stage for stage in stages.values() if isinstance(stage, dict) and "start" in stage)
+    return next((stage["name"] for stage in known if stage["start"] <= time <= stage["end"]), "")
 
 
-def _label(name: str, time: float, stages: list[dict], advances: bool) -> str:
-    if not advances:
-        return name
-    stage = _stage_of(time, stages)
+def _label(name: str, time: float, stage: str) -> str:
     return (f"{stage}, " if stage else "") + f"time {with_unit(f'{time:.4g}', 'time')}, frame {name}"
 
 

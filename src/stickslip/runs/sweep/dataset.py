@@ -16,7 +16,8 @@ from ...core.units import units_in_use
 from ...data.run_files import MEMBERS, NUMBERS, write_file
 from ...data.schema import field_at
 from ...experiments.registry import EXPERIMENTS, SweepMember, scenario_class
-from ...figures.style import FORMATS, PLAIN, Look, render_all
+from ...figures.style import FORMATS, PLAIN, Look
+from ..folder import write_comparison_files
 from .axes import Axis, short_names
 from .definition import Sweep, member, values_of
 
@@ -77,11 +78,6 @@ def write_sweep(folder: Path, chosen: Sweep, names: list[str], outputs: list[dic
     outputs : output of each member, `measures` {name: [value, unit]} and `seconds`; None if it is not finished
     failures : error message of each member, or an empty string
     """
-    write_file(folder, DATASET, bytes(build_dataset(chosen, names, outputs, failures).to_netcdf(engine="scipy")))
-
-
-def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], failures: list[str]) -> "xr.Dataset":
-    """Build the dataset of a sweep; arguments are those of `write_sweep`."""
     import xarray as xr
 
     kind, dims, coordinates = scenario_class(chosen.base), [], {}
@@ -109,7 +105,8 @@ def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], f
         "source": f"stickslip {__version__}",
         "sweep": chosen.text,
     } | ({"refusals": chosen.refusals} if chosen.refusals else {})
-    return xr.Dataset(variables, coordinates, about)
+    dataset = xr.Dataset(variables, coordinates, about)
+    write_file(folder, DATASET, bytes(dataset.to_netcdf(engine="scipy")))
 
 
 def _labels(axis: Axis) -> np.ndarray:
@@ -153,11 +150,4 @@ def write_comparison(
         for k, output in enumerate(outputs)
     ]
     with units_in_use(member(chosen, 0).scenario.named_units):
-        found = experiment.compare(members)
-        for name, content in found.files.items():
-            if isinstance(content, str):
-                write_file(folder, name, content.encode())
-                continue
-            for each, image in render_all(name, content, look).items():
-                write_file(folder, each, image)
-    return found.remarks
+        return write_comparison_files(folder, experiment.compare(members), look)

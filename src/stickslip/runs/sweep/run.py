@@ -286,8 +286,8 @@ READY = "ready"  # file that marks a sweep that replaces another one as complete
 
 
 def run_with_progress(
-    chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, look: Look,
-    confirm: Callable[[], bool], part: tuple[int, int] | None = None, gather: list[Path] = (),
+    chosen: Sweep, out: Path, *, workers: Workers, figures: bool, look: Look, confirm: Callable[[], bool],
+    overwrite: bool = False, part: tuple[int, int] | None = None, gather: list[Path] = (),
 ) -> SweepResult | None:  # fmt: skip
     """Print the number of members, let the user confirm it if it is large, validate all and run the unfinished ones.
 

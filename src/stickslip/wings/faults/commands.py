@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from ...kit import FigureOptions, Out, Output, check_choice, command, complete_from, examples, number_option
+from ...kit import FigureOptions, Out, Output, check_choice, command, examples
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
@@ -24,27 +24,15 @@ FIT = examples(
 class ModelOptions(NamedTuple):
     """Options of the fitted law."""
 
-    law: Annotated[str, typer.Option("--law", help="aging, slip or both.", autocompletion=complete_from(LAWS))] = "both"
-    stiffness: Annotated[
-        float | None, number_option("--stiffness", help="Known stiffness, as friction per displacement [1/m].")
-    ] = None
-    free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Also fit the stiffness.")] = False
-    v0: Annotated[
-        float | None,
-        number_option("--v0", help="Velocity at which friction is mu0; default: the first velocity [m/s]."),
-    ] = None
-    before: Annotated[float | None, number_option("--before", help="Slip velocity before the record starts [m/s].")] = (
-        None
-    )
-    detrend: Annotated[bool, typer.Option("--detrend", help="Also fit a trend, linear in displacement.")] = False
-    normal: Annotated[bool, typer.Option("--normal", help="Include measured changes of normal stress.")] = False
-    form: Annotated[
-        str, typer.Option("--form", help="logarithmic or regularized.", autocompletion=complete_from(FORMS))
-    ] = "logarithmic"
-    free: Annotated[
-        str | None,
-        typer.Option("--free", help="Also fit these: 'b2,dc2' (a second state), 'v1', 'trend_length', 'drift' …"),
-    ] = None
+    law: Annotated[str, "aging, slip or both.", LAWS] = "both"
+    stiffness: Annotated[float | None, "Known stiffness, as friction per displacement [1/m]."] = None
+    free_stiffness: Annotated[bool, "Also fit the stiffness."] = False
+    v0: Annotated[float | None, "Velocity at which friction is mu0; default: the first velocity [m/s]."] = None
+    before: Annotated[float | None, "Slip velocity before the record starts [m/s]."] = None
+    detrend: Annotated[bool, "Also fit a trend, linear in displacement."] = False
+    normal: Annotated[bool, "Include measured changes of normal stress."] = False
+    form: Annotated[str, "logarithmic or regularized.", FORMS] = "logarithmic"
+    free: Annotated[str | None, "Also fit these: 'b2,dc2' (a second state), 'v1', 'trend_length', 'drift' …"] = None
 
     def fixed_values(self) -> dict[str, float]:
         """Values of the fixed parameters, by name."""
@@ -62,18 +50,12 @@ def fit(
     *,
     file: Annotated[Path, typer.Argument(help="A record as text, HDF5, MATLAB or XLOOK: time [s], load_point [um], …")],
     model: ModelOptions,
-    columns: Annotated[
-        str | None, typer.Option("--columns", help="Columns by number or heading: 'time=0,friction=F/N'.")
-    ] = None,
-    velocity: Annotated[
-        str | None, typer.Option("--velocity", help="Velocities of the load point: '1e-6 until 120 s, then 10 um/s'.")
-    ] = None,
-    posterior: Annotated[
-        bool, typer.Option("--posterior", help="Also sample the posterior: percentiles, draws, corner plot.")
-    ] = False,
-    steps: Annotated[int, typer.Option("--steps", help="Longest chain of --posterior.")] = 4000,
+    columns: Annotated[str | None, "Columns by number or heading: 'time=0,friction=F/N'."] = None,
+    velocity: Annotated[str | None, "Velocities of the load point: '1e-6 until 120 s, then 10 um/s'."] = None,
+    posterior: Annotated[bool, "Also sample the posterior: percentiles, draws, corner plot."] = False,
+    steps: Annotated[int, "Longest chain of --posterior."] = 4000,
     out: Out = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier fit in the folder.")] = False,
+    overwrite: Annotated[bool, "Replace an earlier fit in the folder."] = False,
     drawing: FigureOptions,
     output: Output,
 ) -> None:
@@ -94,11 +76,7 @@ def fit(
         )  # fmt: skip
     paths = fit_report.write(out, result, look) if out else []
     if output.as_json:
-        print(
-            json_output.to_json(
-                json_output.common_fields("fit", files=paths, folder=out) | json.loads(fit_report.as_json(result))
-            )
-        )
+        json_output.show("fit", json.loads(fit_report.as_json(result)), files=paths, folder=out)
     elif output.quiet:
         print("\n".join(fit_report.conclusions(result)))
     else:

@@ -5,17 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ...kit import (
-    Output,
-    PackingOptions,
-    StoppedError,
-    check_choice,
-    command,
-    complete_from,
-    examples,
-    finish,
-    in_units_of_packing,
-)
+from ...kit import Output, PackingOptions, StoppedError, check_choice, command, examples, finish, in_units_of_packing
 
 METHODS = {
     "auto": "the fastest growth; for many grains only in equilibrium", "none": "no spectrum", "fastest": "always",
@@ -35,24 +25,14 @@ NAME = "watch.csv"
 def watch(
     *,
     place: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the dumps, or one dump of grains in it.")],
-    once: Annotated[bool, typer.Option("--once", help="Compute the frames present, and end.")] = False,
+    once: Annotated[bool, "Compute the frames present, and end."] = False,
     until_idle: Annotated[
-        float | None,
-        typer.Option("--until-idle", min=0, metavar="SECONDS", help="End when nothing has been written for this time."),
+        float | None, typer.Option(min=0, metavar="SECONDS", help="End when nothing has been written for this time.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Table; the page is next to it, with .html. Default: watch.csv in DIR.")
-    ] = None,
-    method: Annotated[
-        str,
-        typer.Option(
-            "--method", help="auto, none, fastest, all, dense or pairs.", autocompletion=complete_from(METHODS)
-        ),
-    ] = "auto",
-    no_contacts: Annotated[
-        bool, typer.Option("--no-contacts", help="Ignore dumps of contacts, as if none had slipped.")
-    ] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table and the page.")] = False,
+    out: Annotated[Path | None, "Table; the page is next to it, with .html. Default: watch.csv in DIR."] = None,
+    method: Annotated[str, "auto, none, fastest, all, dense or pairs.", METHODS] = "auto",
+    no_contacts: Annotated[bool, "Ignore dumps of contacts, as if none had slipped."] = False,
+    overwrite: Annotated[bool, "Replace the table and the page."] = False,
     output: Output,
     options: PackingOptions,
 ) -> None:

@@ -9,12 +9,12 @@ from ...kit import (
     FigureOptions,
     Output,
     Overwrite,
+    PackingFile,
     PackingOptions,
     command,
     complete_from,
     examples,
     in_units_of_packing,
-    number_option,
     run_scenario,
 )
 
@@ -40,36 +40,24 @@ SHEAR = examples(
 @in_units_of_packing
 def shear(
     *,
-    file: Annotated[
-        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
-    ],
+    file: PackingFile,
     until: Annotated[
         str,
         typer.Option(
-            "--until",
             metavar="WHEN",
             help="first-pair, first-event, first-break or a strain; a negative one reverses the shear or unloads.",
             autocompletion=complete_from(UNTIL),
         ),
     ] = "first-event",
-    mode: Annotated[
-        str, typer.Option("--mode", help="simple, pure, isotropic or uniaxial.", autocompletion=complete_from(MODES))
-    ] = "simple",
-    reverse: Annotated[
-        bool, typer.Option("--reverse", help="Let the strain fall, with --until first-…: shear back or unload.")
-    ] = False,
-    step: Annotated[
-        float | None, number_option("--step", help="Largest strain step; default: 0.02 × overlap/diameter.")
-    ] = None,
-    limit: Annotated[
-        float | None, number_option("--limit", help="Strain at which the path ends in any case; default: 500 steps.")
-    ] = None,
+    mode: Annotated[str, "simple, pure, isotropic or uniaxial.", MODES] = "simple",
+    reverse: Annotated[bool, "Let the strain fall, with --until first-…: shear back or unload."] = False,
+    step: Annotated[float | None, "Largest strain step; default: 0.02 × overlap/diameter."] = None,
+    limit: Annotated[float | None, "Strain at which the path ends in any case; default: 500 steps."] = None,
     drag: Annotated[
-        float | None,
-        number_option("--drag", help="Drag that determines events [1/time]; default: 0.1 of the highest frequency."),
+        float | None, "Drag that determines events [1/time]; default: 0.1 of the highest frequency."
     ] = None,
-    settle: Annotated[bool, typer.Option("--settle", help="First bring the packing to rest under this law.")] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for results; default: results/shear-FILE.")] = None,
+    settle: Annotated[bool, "First bring the packing to rest under this law."] = False,
+    out: Annotated[Path | None, "Folder for results; default: results/shear-FILE."] = None,
     overwrite: Overwrite = False,
     drawing: FigureOptions,
     output: Output,
