@@ -48,7 +48,7 @@ def test_moves_within_the_skin_that_open_or_close_contacts_are_refused(packing, 
     rng = np.random.default_rng(0)
     step = rng.normal(0, 0.1 * packing.contacts.skin, (60, 3)) * [1, 1, 0]
     stirred = packing._replace(grains=packing.grains._replace(position=packing.grains.position + step))
-    with pytest.raises(ValueError, match=r"have (closed|opened) .* accept\(state, trial\) first"):
+    with pytest.raises(ValueError, match=r"(closed|opened), of .* accept\(state, trial\) first"):
         MEASURES[name](stirred)
 
 
