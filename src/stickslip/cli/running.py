@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from .. import ensemble, reports, runs
+from .. import reports, runs
 from ..data.run_files import SCENARIO, lock_folder, resume_command
 from .app import (
     DEVICES,
@@ -403,7 +403,9 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
     if workers is not None or device is not None:
         other = "workers" if device is None else "device"
         raise ValueError(f"--{other} and --scheduler exclude each other: a cluster has its own workers")
-    ensemble.reach(scheduler)
+    from ..ensemble import reach
+
+    reach(scheduler)
     return {"workers": scheduler}
 
 
