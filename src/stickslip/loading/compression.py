@@ -26,6 +26,7 @@ DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, over t
 RESOLVED = 1e3  # smallest force of such a contact over the tolerance
 SHARE = 0.15  # time step over the largest stable one of such a contact
 AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over the force of such a contact
+PATIENCE = 50  # reports at the last of these forces, after which it is tried anyway: loosely held grains rest slowly
 CRITICAL = 4.0  # drag of grains and cell times the time scale
 BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and most steps between them
 STEPS = 20_000_000  # largest number of time steps of a compression
@@ -185,8 +186,9 @@ def _compress(state: State, law: Law, pressure: float, scales: Scales, tolerance
     axes = ("xx", "yy", "zz")[:dim]
     state = state._replace(control=stress_controlled(state.control, dict.fromkeys(axes, p), mass=mass))
     block = int(np.clip(BLOCK * scales.stiffness * scales.time / scales.dt, 50, LONGEST))
-    levels = iter((*(share * scales.force for share in AT_REST), 0.5 * tolerance))
-    level = next(levels)
+    last = 0.5 * tolerance
+    levels = iter((*(share * scales.force for share in AT_REST), last))
+    level, waited = next(levels), 0
     for _ in range(STEPS // block):
         state, _, outcome = run(state, law, block, scales.dt, drag=CRITICAL / scales.time, tolerance=level)
         reached, fraction = pressure_of(state, law), packing_fraction(state)
@@ -196,11 +198,13 @@ def _compress(state: State, law: Law, pressure: float, scales: Scales, tolerance
         report("compression", float(np.clip(reached / p, 0.0, 1.0)), f"{text}, packing fraction {fraction:.4f}")
         if outcome.broken or fraction > DENSEST or _width(state) < state.grains.radius.max():
             break
-        if outcome.ok:
+        waited += level == last
+        if outcome.ok or (waited and waited % PATIENCE == 0):
+            at_rest = outcome.ok
             end, outcome = newton(stopped(state), law, tolerance=tolerance)
             if outcome.ok:
                 return end
-            level = next(levels, level)
+            level = next(levels, level) if at_rest else level
     message = f"no packing at rest under a pressure of {p:g} was found"
     if not outcome.broken:
         message += f", the compression ended at {reached:.3g} with a packing fraction of {fraction:.4g}"
