@@ -107,7 +107,7 @@ def test_grains_that_never_come_to_rest_end_at_an_equilibrium_all_the_same(monke
     newton = compression.newton
     monkeypatch.setattr(compression, "run", never_at_rest)
     monkeypatch.setattr(compression, "newton", fails_above)
-    state, report = compressed(20, mu=0.5, pressure=1e-3, dim=2)
+    _, report = compressed(20, mu=0.5, pressure=1e-3, dim=2)
     assert report.residual < 1e-13
     assert sum(tolerance < 1e-13 for tolerance in lowest) == compression.PATIENCE
 
