@@ -92,24 +92,23 @@ def test_a_frictional_packing_is_the_same_for_the_same_seed():
 
 
 def test_grains_that_never_come_to_rest_end_at_an_equilibrium_all_the_same(monkeypatch):
-    """Loosely held grains may move slowly for ever; Newton's method finds where they rest."""
-    run, lowest = compression.run, []
+    """Loosely held grains may move slowly for a long time; Newton's method finds where they rest."""
+    run, newton, levels, last = compression.run, compression.newton, [], 1e-13
 
     def never_at_rest(*given, tolerance, **options):
-        lowest.append(tolerance)
+        levels.append(tolerance)
         state, record, outcome = run(*given, tolerance=tolerance, **options)
-        return state, record, outcome._replace(status=ss.Status.STEPS_SPENT) if tolerance < 1e-13 else outcome
+        return state, record, outcome._replace(status=ss.Status.STEPS_SPENT) if tolerance < last else outcome
 
-    def fails_above(state, law, tolerance):
+    def fails_before(state, law, tolerance):
         end, outcome = newton(state, law, tolerance=tolerance)
-        return end, outcome if lowest[-1] < 1e-13 else outcome._replace(status=ss.Status.STEPS_SPENT)
+        return end, outcome if levels[-1] < last else outcome._replace(status=ss.Status.STEPS_SPENT)
 
-    newton = compression.newton
     monkeypatch.setattr(compression, "run", never_at_rest)
-    monkeypatch.setattr(compression, "newton", fails_above)
+    monkeypatch.setattr(compression, "newton", fails_before)
     _, report = compressed(20, mu=0.5, pressure=1e-3, dim=2)
-    assert report.residual < 1e-13
-    assert sum(tolerance < 1e-13 for tolerance in lowest) == compression.PATIENCE
+    assert report.residual < last
+    assert sum(level < last for level in levels) == compression.PATIENCE
 
 
 def test_without_friction_the_packing_is_like_a_jammed_one():

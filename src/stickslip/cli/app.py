@@ -230,6 +230,7 @@ def examples(*pairs: tuple[str, str]) -> str:
 def commands_like(word: str, commands: list[str]) -> list[str]:
     """Commands, scenarios, public names or pages similar to an unknown command."""
     from ..experiments.registry import EXPERIMENTS, papers
+    from ..words import suggestions, with_rarest_parts
 
     plain = word.lower().replace("_", "-")
     examples = {
@@ -239,8 +240,6 @@ def commands_like(word: str, commands: list[str]) -> list[str]:
     advice |= {name: f'`stickslip run SCENARIO` with experiment = "{name}"' for name in EXPERIMENTS}
     advice |= {name: f"`stickslip example {file}`, and `stickslip run`" for name, file in examples.items()}
     advice |= {name: f"`stickslip reproduce {name}`" for name in papers()}
-    from ..words import suggestions, with_rarest_parts
-
     found = suggestions(word, limit=9)
     typed = [one for one in found if one.startswith("`stickslip ")]
     spelled = [advice[name] for name in get_close_matches(plain, advice, 1) if name[0] == plain[0]]
@@ -377,12 +376,12 @@ def main() -> None:
 
 def _usage_message(problem) -> str:
     """Message about unknown or missing options and arguments."""
+    from ..words import options_like
+
     word, context = getattr(problem, "option_name", ""), getattr(problem, "ctx", None)
     if not (word and context and hasattr(problem, "possibilities")):
         return problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them"
     options = [one[2:] for part in context.command.params for one in part.opts if one.startswith("--")]
-    from ..words import options_like
-
     near = " or ".join(f"--{one}" for one in options_like(word, options))
     hint = f"did you mean {near}? " if near else ""
     return f"unknown option {word}: {hint}`{context.command_path} --help` lists the options"

@@ -385,6 +385,7 @@ def _run_sweep_in(command: str, tables: dict, out: Path, spread, output: Output,
 
 def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
     """Check the options for parallel runs, and return them as arguments of `simulate`."""
+    from ..ensemble import reach
     from ..experiments.registry import EXPERIMENTS, experiment_of
 
     workers, scheduler, device = processes
@@ -403,8 +404,6 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
     if workers is not None or device is not None:
         other = "workers" if device is None else "device"
         raise ValueError(f"--{other} and --scheduler exclude each other: a cluster has its own workers")
-    from ..ensemble import reach
-
     reach(scheduler)
     return {"workers": scheduler}
 
