@@ -45,11 +45,12 @@ IDS = {
 
 
 def fewer(make, **less):
-    """Scenarios with fewer transitions."""
+    """Scenarios with fewer transitions, and with load steps of twice the size."""
 
     def made(**how):
         one = make(**how)
-        return one.model_copy(update={"sliding": one.sliding.model_copy(update=less)})
+        load = one.load.model_copy(update={"step": 2 * one.load.step})
+        return one.model_copy(update={"load": load, "sliding": one.sliding.model_copy(update=less)})
 
     return made
 
@@ -61,6 +62,7 @@ def folder(tmp_path_factory):
     with pytest.MonkeyPatch.context() as now, without_drawing():  # tests/unit/test_figures.py looks at figures
         now.setattr(figures, "transition_movie", partial(figures.transition_movie, frames=16))
         now.setitem(disk_measures.REALIZATIONS, True, 2)
+        now.setattr(disk_array, "COARSER", (2e-3,))
         now.setattr(disk_array, "VARIED", ({"array": {"disks": 2}}, {"law": {"mu": 0.95}}))
         now.setattr(
             disk_array, "paper_scenario",
