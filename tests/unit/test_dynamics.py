@@ -47,9 +47,10 @@ def test_contact_reaches_the_limit_when_the_spring_does():
 def test_drag_alone_slows_exponentially():
     grains = ss.disks([[0.0, 0.0]], 0.5, velocity=[1.0, 0, 0], spin=[0, 0, 2.0])
     state = ss.assembly(grains, cell=ss.box(dim=2))
-    end, _, _ = ss.run(state, ss.laws.linear(), 1000, 0.01, drag=0.1, spin_drag=0.2)
+    end, record, _ = ss.run(state, ss.laws.linear(), 1000, 0.01, drag=0.1, spin_drag=0.2, every=10, ledger=True)
     assert end.grains.velocity[0, 0] == pytest.approx(np.exp(-1.0), rel=1e-6)
     assert end.grains.spin[0, 2] == pytest.approx(2 * np.exp(-2.0), rel=1e-6)
+    assert record.ledger.kinetic[-1] == pytest.approx(record.ledger.kinetic[0] - record.ledger.drag[-1], rel=1e-4)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
