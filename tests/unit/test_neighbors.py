@@ -125,3 +125,12 @@ def test_a_box_much_narrower_than_a_grain_is_too_far():
     grid = grid_of(ss.box([1e-6, 1, 1], (True, False, False)))
     contacts = rebuild_list(x, np.ones(1), np.zeros((0, 3)), grid, empty_contacts(1, 0, 0.1))
     assert contacts.count[0] == -1
+
+
+def test_grains_that_approach_by_less_than_a_skin_each_are_found():
+    grains = ss.disks([[0.0, 0.0], [1.11, 0.0]], 0.5)
+    law = ss.laws.linear(kn=1.0)
+    state = ss.accept(start := ss.assembly(grains, cell=ss.box(dim=2), skin=0.1), ss.forces(start, law)[1])
+    assert state.contacts.count[0] == 0  # too far apart for the list
+    state.grains.position[:, 0] = 0.08, 1.03
+    assert ss.forces(state, law)[0].force[0, 0] == pytest.approx(-0.05)
