@@ -17,7 +17,18 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.figures.style import Look, _letter, column_axes, label_axes, legend_above, render, save, styled
+from stickslip.figures.style import (
+    PAGE,
+    WIDTH,
+    Look,
+    _letter,
+    column_axes,
+    label_axes,
+    legend_above,
+    render,
+    save,
+    styled,
+)
 from stickslip.runs.folder import find_unfinished, mark_look, write_result
 from tests.conftest import stickslip_here
 
@@ -120,8 +131,9 @@ def test_a_figure_that_its_user_saves_has_truetype_fonts_as_well():
     assert b"/Type3" not in content.getvalue()
 
 
-@pytest.mark.parametrize("width, pixels", [(86, 1016), (178, 2102)])
-def test_figures_are_one_or_two_columns_wide(width, pixels):
+@pytest.mark.parametrize("width, pixels, inches", [(86, 1016, WIDTH), (178, 2102, PAGE)])
+def test_figures_are_one_or_two_columns_wide(width, pixels, inches):
+    assert 25.4 * inches == pytest.approx(width)
     figure = two_panels()
     before = tuple(figure.get_size_inches())
     assert abs(Image.open(BytesIO(render(figure, "png", Look(width=width)))).width - pixels) <= 1
