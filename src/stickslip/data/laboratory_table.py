@@ -159,7 +159,7 @@ class LaboratoryTable(NamedTuple):
         return bool(unit_of(self.heading_of(name), aliases, units)[1] or self.sheet.units[self.places[name][0]])
 
     def groups(self, stresses: str = "") -> list[tuple[str, str, str]]:
-        """Heading, group and reason of each column; known columns that are not used have no influence.
+        """Heading, group and reason of each column; known columns that are not used count as harmless.
 
         Parameters
         ----------
@@ -299,7 +299,7 @@ NAMES = {same_word(alias) for _, aliases in COLUMNS.values() for alias in aliase
 
 
 def unit_of_time(ratio: float, stated: float = 1.0) -> str:
-    """Likely unit of times that are too short by a factor; empty if this is not the ratio of two units.
+    """Likely unit of times that are too short by the factor `ratio`; empty if it is not the ratio of two units.
 
     Parameters
     ----------
@@ -359,7 +359,7 @@ def _describe_column(name: str, wanted: Wanted) -> tuple[tuple[str, ...], dict[s
 
 
 def _is_missing(column: np.ndarray) -> np.ndarray:
-    """Samples without a number, or with one of `ABSENT` if its distance from all others exceeds that of neighbours."""
+    """Mask of missing samples: not finite, or equal to one of `ABSENT` that is far from all other values."""
     missing = ~np.isfinite(column)
     for mark in ABSENT:
         others = np.unique(column[~missing & (column != mark)])
@@ -410,7 +410,7 @@ def _factor(path: Path, word: str, unit: str | None, units: dict[str, float], si
 
 
 def _spelled(unit: str) -> str:
-    """Unit in its usual spelling: keys of pascals are in lower case."""
+    """Unit in its usual spelling, as units of pressure are stored in lower case."""
     return re.sub(r"^([hkmg]?)pa$", lambda part: part[1].translate({109: "M", 103: "G"}) + "Pa", unit)
 
 

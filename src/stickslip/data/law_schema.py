@@ -30,7 +30,7 @@ TRUSTED = "trusted_laws.txt"  # file in the user's cache folder with the SHA-256
 
 
 class LawOrFile(ScenarioTable):
-    """Law table that may name a file, if it has the keys of `LawFile`."""
+    """Law table that may name a file if its class has the keys of `LawFile`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -125,7 +125,7 @@ def check_law_files(tables: dict) -> None:
     Raises
     ------
     ScenarioError
-        As in `load_law`; ValueError as in `laws.from_file`.
+        As in `load_law`. Errors in the file raise ValueError, as in `laws.from_file`.
     """
 
     def check(law: dict) -> dict:
@@ -313,7 +313,7 @@ if TYPE_CHECKING:
 
 
 def allow_laws(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table]":
-    """Add to a law table the keys of some laws, the first of which is the default, and other keys with their defaults.
+    """Add keys to a law table: those of some laws, the first of which is the default, and others with their defaults.
 
     Descriptions name the laws, and the units of the default law (SI units with `si`).
     """

@@ -24,7 +24,7 @@ from pathlib import Path
 SCENARIO, NUMBERS = "scenario.json", "results.h5"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of the call, for `stickslip resume`
-LOOK = "look.json"  # style and formats of its figures
+LOOK = "look.json"  # style and formats of the run's figures
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 NAMES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, PAGE, FILM)
 FIGURES = r"(fig\d_\w+|claims)\.(png|pdf|svg)"
@@ -37,7 +37,7 @@ SHOWN = 8  # file names listed in a message
 
 
 def foreign_files_message(folder: Path, names: list[str]) -> str:
-    """Return the message about foreign files."""
+    """Return the message about files in a run folder that no run wrote."""
     return (
         f"{folder} contains files that stickslip did not write or that have changed since ({join_names(names)}): "
         f"choose another --out, or add --overwrite"
@@ -50,7 +50,7 @@ def join_names(names: list[str]) -> str:
 
 
 def resume_command(folder: Path) -> str:
-    """Return the command that continues a run, as typed."""
+    """Return the command that a user types to continue a run."""
     return shlex.join(["stickslip", "resume", str(folder)])
 
 
@@ -138,7 +138,7 @@ def read_manifest(folder: Path) -> Files:
 
 
 def write_manifest(folder: Path, files: Files) -> None:
-    """Write the manifest."""
+    """Write the manifest of a run folder."""
     content = {"about": _ABOUT, "files": dict(sorted(files.items()))}
     write_atomically(folder / MANIFEST, json.dumps(content, indent=1).encode())
 
@@ -182,15 +182,15 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
 
     Parameters
     ----------
-    ours : function that returns True if a run may write, replace or remove a file of this name. In a folder where a run
-    has left files, other files are ignored; hidden files are always ignored
+    ours : function that returns True if a run may write, replace or remove a file of this name. If a run has left files
+    in the folder, files with other names are ignored; hidden files are always ignored
     """
     if not folder.is_dir():
         return []
     own, adopted, begun = read_manifest(folder), _read(folder / UNFINISHED / _OVERWRITABLE), unfinished_scenario(folder)
     own = {name: [sha for sha in digests if sha != _OTHER] for name, digests in own.items()}  # a run writes no others
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
-    if begun is not None:  # it wrote its scenario before the manifest
+    if begun is not None:  # the run wrote its scenario before the manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]
     trace = bool(own) or begun is not None
     seen = (path for path in folder.iterdir() if not path.name.startswith(".") and not _is_empty_run_folder(path))
@@ -328,7 +328,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def _describe_holder(place: Path) -> str:
-    """Describe the process that holds the lock, as far as its note can be read."""
+    """Describe the process that holds the lock, if its note can be read."""
     try:
         note = json.loads((place / HOLDER).read_text(encoding="utf-8"))
         return f"process {note['pid']} on {note['host']} ({note['by']}) has been using it since {note['since']}"
@@ -350,7 +350,7 @@ def _find_foreign_file(place: Path) -> str | None:
 
 
 def _remove_empty(folders: list[Path]) -> None:
-    """Remove any created folders that are empty."""
+    """Remove those of the newly created folders that are empty."""
     for path in folders:
         with suppress(OSError):
             path.rmdir()

@@ -45,7 +45,7 @@ def naming(path: str | Path) -> Iterator[None]:
 
 @contextmanager
 def refusing(text: Callable[[Exception], str] = str, *kinds: type[Exception]) -> Iterator[None]:
-    """Raise PackingError in place of ValueError and errors of further kinds; `text` makes its message from theirs."""
+    """Raise PackingError in place of ValueError and errors of further kinds; `text` converts an error to a message."""
     try:
         yield
     except PackingError:
@@ -112,7 +112,7 @@ def account_for(
 
     Parameters
     ----------
-    kind : kind of the names in the table of `known`, where names are looked up after `plain`
+    kind : kind of the names; the table of `known` for this kind contains them in the form that `plain` returns
     known : groups of names known to the reader
     """
     groups: dict[str, list[str]] = {}
@@ -141,7 +141,7 @@ def account_of(notes) -> dict[str, list[str]]:
 
 
 def repeated_note(text: str) -> Assumption:
-    """Note that a file repeats from its source: files store the sentence, whose beginning identifies its class."""
+    """Note that a file copied from its source; files store only the sentence, whose beginning identifies its class."""
     text = printable(text)
     return (Obstacle if text.startswith(UNDECIDED) else Assumption)(
         text, LAW if text.startswith((NO_LAW, FORMER_NO_LAW)) else ""
@@ -160,7 +160,7 @@ NO_CONTACTS = NoMemory("contacts were found from positions, without memory (zero
 
 
 def law_note(law: Law) -> Assumption:
-    """Return the note on a law that was not given."""
+    """Return the note that no law was given and the default law is assumed."""
     return Assumption(f"{NO_LAW}: the defaults are assumed ({law_text(law)})", LAW)
 
 
@@ -203,7 +203,7 @@ def from_arrays(
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
     mode : (M,) 1 for sticking contacts, 2 for sliding ones. The slip of a sliding contact is set to the Coulomb limit
         if it is beyond the limit or within 0.1 % of it (a contact further below it slid under another law). By default,
-        the slip determines the mode; for a contact at its limit, this is a matter of round-off
+        the slip determines the mode; for a contact at its limit, the result depends on round-off
     velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
     external_force : (N, 3) [force]
     dim : 2 or 3; with 2, all vectors may have two components
@@ -396,7 +396,7 @@ def _build_cell(cell, periodic, dim: int):
 
 
 def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) -> State:
-    """State with a given list of contacts and their slip, not yet projected."""
+    """State with a given list of contacts and their slip, which is not yet projected onto the contact plane."""
     if pair_i is None or pair_j is None:
         raise PackingError("pair_i and pair_j must be given together")
     n = len(state.grains.radius)

@@ -175,7 +175,7 @@ def given_keys(
 ) -> Iterator[tuple[str, object, str, str]]:
     """Iterate over the dotted keys of a scenario that differ from their defaults: key, value, unit and meaning.
 
-    `usual` is the default of the whole table, whose values may differ from those of its class.
+    `usual` is the default of the whole table, in which values may differ from the defaults of its class.
     """
     for name, field in type(table).model_fields.items():
         value, words_and_unit = getattr(table, name), split_unit(field.description)

@@ -49,7 +49,7 @@ class Frame(NamedTuple):
 
 
 def exported(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns under the names used in files, where a plain `force` or `torque` could be an external one."""
+    """Columns under the names used in files, in which a plain `force` or `torque` might seem to be an external one."""
     return {f"contact_{name}" if name in ("force", "torque") else name: column for name, column in columns.items()}
 
 
@@ -91,10 +91,11 @@ def unbonded(frame: Frame) -> Frame:
 
 
 def with_bonds(frame: Frame) -> dict[str, np.ndarray]:
-    """Columns of contacts, then of bonds; without bonds those of contacts alone.
+    """Columns whose rows are contacts, followed by bonds if there are any.
 
     The column `bond` is 0 for contacts, 1 for bonds and 2 for broken ones, and `failed` is the index in `FAILURES` of
-    the load that broke them. Where grains touch, the contact has the sum of both forces, and the bond has none.
+    the load that broke them. Where bonded grains touch, the row of the contact has the sum
+    of both forces, and that of the bond has none.
     """
     state, c = frame.state, frame.contacts
     if not state.bonds:
@@ -145,7 +146,7 @@ def law_from_dict(about: dict) -> Law:
 
 
 def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors and corner of a box with all grains: the cell along periodic directions, just large enough along others.
+    """Vectors and corner of a box that contains all grains: the cell along periodic directions, tight along others.
 
     Returns
     -------
@@ -291,9 +292,9 @@ def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
     Returns
     -------
     networkx.MultiGraph
-        Nodes are bodies, walls after grains, with `wall`, `radius`, x, y, z [length]. Edges are contacts, several
-        between grains that touch through different images, with `force_n`, `force_t` [force] and `slides`. In a
-        cemented packing, bonds are also edges, and `bond` is 0 for contacts, 1 for bonds and 2 for broken bonds
+        Nodes are bodies (walls after grains) with the attributes `wall`, `radius`, x, y, z [length]. Edges are contacts
+        with `force_n`, `force_t` [force] and `slides`; grains that touch through several images have several edges. In
+        a cemented packing, bonds are also edges, and `bond` is 0 for contacts, 1 for bonds and 2 for broken bonds
 
     Examples
     --------
@@ -343,7 +344,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     sources : named tuples or dictionaries whose arrays, sparse matrices and numbers are written under their names:
         `modes.equations_of_motion`, `quasirigid.linear_system`, `quasirigid.complementarity`; of `free` coordinates,
         only `mass`, `body` and `axis` are written
-    overwrite : whether files of the same names are replaced
+    overwrite : whether existing files with the same names are replaced
 
     Returns
     -------

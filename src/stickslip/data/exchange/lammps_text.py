@@ -202,7 +202,7 @@ def packing_from_table(table: Table, path: Path, boundary: str | None = None, sa
 
 
 def check_ids(path: Path, ids: np.ndarray) -> None:
-    """Raise PackingError if two grains have the same id; ids are sorted."""
+    """Raise PackingError if two of these sorted ids are the same."""
     if not np.diff(ids).all():
         twice = ids[:-1][np.diff(ids) == 0]
         raise PackingError(
