@@ -103,8 +103,8 @@ def run_members(
 
     Parameters
     ----------
-    function : importable by name, so that other processes find it; with `report`, its last argument is a function by
-    which it reports its own progress in the same way
+    function : importable by name, so that other processes find it; with `report`, its last argument is a function with
+    which it reports its progress in the same way
     workers : number of processes, each on one core, or 1 to run everything in this process; or the address of a Dask
         scheduler, such as "tcp://host:8786" (or its JSON file, or a `distributed.Client`)
     stage : name of the work, for `report`
@@ -209,7 +209,7 @@ def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard)
 
 
 def _pack_tasks(function, tasks: dict[int, tuple]):
-    """Yield (k, bytes of a task), each on demand; its function is that of a module that other processes can import."""
+    """Yield (k, bytes of a task) on demand; raise ValueError if other processes could not import the function."""
     if getattr(function, "__module__", None) == "__main__":
         spec = getattr(sys.modules["__main__"], "__spec__", None)
         if spec is None:
@@ -281,7 +281,7 @@ def _read_json(path: str, tries: int = 10):
 def _resolve_address(address: str) -> str:
     """Return the address, or the one in a JSON file, once a scheduler answers there.
 
-    A client would keep retrying for a long time.
+    Without this check, a client would keep retrying for a long time.
     """
     if address.endswith(".json"):
         if not os.path.exists(address):
@@ -323,7 +323,7 @@ async def _request_identity(address: str) -> dict:
 
 
 def _run_on_cluster(packed, address, keep, heard) -> None:
-    """Run all tasks; arguments as in `worker.run_tasks`, and the scheduler's address.
+    """Run all tasks on the cluster of the scheduler at `address`; other arguments are those of `worker.run_tasks`.
 
     Raises
     ------
