@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class Benchmark(NamedTuple):
-    """Command that measures numbers."""
+    """Command that measures numbers, its duration, and the code on which the numbers depend."""
 
     about: str
     seconds: float  # approximate duration on one core

@@ -58,7 +58,7 @@ def growing(found) -> np.ndarray:
 
 
 def dominated(state, law) -> float:
-    """Ratio of the growth rate of the fastest pair to the next one; zero if the fastest motion is not a pair."""
+    """Growth rate of the fastest pair over that of the next motion; zero if the fastest motion is not a pair."""
     found = ss.stability(state, law)
     rates = growing(found)
     if not len(found.pairs) or found.growth_rate[0] < rates[0] or not found.pairs[0].real > 0:
@@ -67,14 +67,14 @@ def dominated(state, law) -> float:
 
 
 def chosen(states: list, law, rng):
-    """Choose a state: with equal probability a random one, or that with the smallest Im λ/Re λ."""
+    """Choose, with equal probability, a random state or the state with the smallest Im λ/Re λ."""
     if rng.random() < 0.5:
         return states[int(rng.integers(len(states)))]
     return min(states, key=lambda state: (lambda pair: pair.imag / pair.real)(ss.stability(state, law).pairs[0]))
 
 
 def sheared_packings(dim: int, sizes, rng):
-    """Yield one state per sheared packing that is dominated by one pair, or None if the packing has none."""
+    """Yield, for each sheared packing, a state dominated by one pair, or None if the packing has no such state."""
     while True:
         n, mu = int(rng.integers(*sizes)), float(10 ** rng.uniform(np.log10(0.3), 1))
         law = ss.laws.hertz_mindlin(mu=mu, coulomb="smooth")
@@ -94,7 +94,7 @@ def sheared_packings(dim: int, sizes, rng):
 
 
 def pushed_arrays(rng, *, mixed: bool = False):
-    """Yield pushed arrays dominated by one pair; mixed arrays have unequal disks, and gaps up to a small overlap."""
+    """Yield pushed arrays dominated by one pair; mixed arrays have unequal disks, some with gaps between them."""
     while True:
         n, mu, press = int(rng.integers(5, 16)), float(10 ** rng.uniform(np.log10(2), 1)), 10 ** rng.uniform(-5, -4)
         law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=mu, coulomb="smooth"), 0, 1)

@@ -31,13 +31,13 @@ class Speeds(NamedTuple):
     smooth_error: float
     drift: float  # front speed of a row that drifts with a constant profile [length/time]
     drift_error: float
-    wave: float  # frequency of the mode along y over π, the paper's explanation [length/time]
+    wave: float  # angular frequency of the mode along y over π, as the paper explains it [length/time]
     velocity: float  # velocity of the row [length/time]
     lead: float  # displacement of the last disk minus the mean displacement [length]
 
 
 def cases() -> list[tuple[str, dict, tuple[float, ...], tuple[float, ...]]]:
-    """Names of the changes, with tables of the scenario, pushes and thresholds."""
+    """Name of each changed array, with the tables of its scenario, pushes and thresholds."""
     stiff = [(f"disk–disk k_n × {kn:g}", {"law": {"kn": kn, "wall": {"kn": 1.0}}}) for kn in (0.25, 0.5, 2.0, 4.0)]
     soft = [(f"k_t = {kt:g} k_n", {"law": {"kt": kt}}) for kt in (0.1, 0.6)]
     rows = [(f"N = {n}, F_x = {PUSH * n / 10:g}", {"array": {"disks": n}}, (PUSH * n / 10,)) for n in (5, 20)]
@@ -50,7 +50,7 @@ def cases() -> list[tuple[str, dict, tuple[float, ...], tuple[float, ...]]]:
 
 
 def measure(words: str, tables: dict, pushes, thresholds, realizations: int = REALIZATIONS) -> list[Speeds]:
-    """Run one ensemble; one row for each threshold."""
+    """Run one ensemble, and return one row for each threshold."""
     result = ss.simulate(ss.scenario(
         experiment="disk-array", **tables, load={"push": (0.0, *pushes), "step": 2e-3}, dynamics={"loads": ()},
         sliding={"loads": pushes, "realizations": realizations, "thresholds": thresholds},

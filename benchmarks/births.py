@@ -27,7 +27,7 @@ class Births(NamedTuple):
 
     @property
     def sources(self) -> str:
-        """Sources of asymmetry of J other than rotation of the contact: k_t, the limit, sliding."""
+        """Sources of the asymmetry of J other than the rotation of contacts: k_t, the limit, sliding."""
         limited = self.mu < UNLIMITED
         parts = ("k_t" if self.kind != "linear" else "", "limit" if limited and self.coulomb == "smooth" else "",
                  "sliding" if limited else "")  # fmt: skip

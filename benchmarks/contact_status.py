@@ -61,7 +61,7 @@ def shear_load(state, matrix: LinearSystem) -> np.ndarray:
 
 
 def flip_and_solve(matrix: LinearSystem, load, critical, sliding) -> tuple[np.ndarray, int]:
-    """Find sliding contacts with SciPy's `spsolve`, flipping all inconsistent contacts; return rounds as well."""
+    """Find sliding contacts by flipping all inconsistent contacts after each `spsolve`; also return the rounds."""
     kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
     sliding, v = sliding.copy(), np.zeros(len(load))
     for turn in range(1, 60):
@@ -100,7 +100,7 @@ def time_call(call) -> tuple:
 
 
 def rows(*, smallest: bool = False) -> list[dict]:
-    """All rows: the best of several rounds with alternating methods, on one thread."""
+    """Return all rows, with the best times of several rounds in which methods alternate, on one thread."""
     made, matrix, critical, load = problem(*((100, 5) if smallest else (DISKS, CRITICAL)))
     all_slide = np.isin(np.arange(matrix.count), critical)
     truth = contact_status(matrix, load, critical=critical)

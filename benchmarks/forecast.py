@@ -4,8 +4,8 @@
 
 Packings of 30 disks are sheared, and each forecast along the path is compared with the next event or pair. Naive
 forecasts assume that the next event, or pair, comes after the mean spacing of the previous ones, or after the last
-spacing; they require two earlier ones. TIMES multiplies the number of packings. `calibrate` instead prints the
-quantiles of `loading.event_path.CALIBRATED`, from other packings. Saddle nodes of the reference catalogue, whose
+spacing; they require two earlier events or pairs. TIMES multiplies the number of packings. `calibrate` instead prints
+the quantiles of `loading.event_path.CALIBRATED`, from other packings. Saddle nodes of the reference catalogue, whose
 eigenvalues are known at small distances, are used as well. The benchmark takes minutes.
 """
 
@@ -112,7 +112,7 @@ class Judged(NamedTuple):
 
 
 def judge(made: list[Made]) -> Judged:
-    """Judge a number of forecasts."""
+    """Compare a number of forecasts with their outcomes."""
     came = [one for one in made if np.isfinite(one.came)]
     several = [one for one in came if np.isfinite(one.mean)]
 
@@ -178,7 +178,7 @@ HEAD = ("law", "from", "forecasts", "event came", "in the interval", "error", "w
 
 
 def forecasts_of(first: int, times: int, smallest: bool) -> dict[str, list[Made]]:
-    """Forecasts in packings with seeds from a first one, by law."""
+    """Forecasts, by law, in packings whose seeds begin at `first`."""
     out = {}
     for name, case in list(CASES.items())[: 1 if smallest else None]:
         seeds = range(first, first + (1 if smallest else times * case.packings))

@@ -3,7 +3,7 @@
     python -m benchmarks unresolved_events        # 32 packings of the catalogue: a quarter of an hour, one process
 
 For each event, the contact or gap nearest to touching in the last stable state is found. One of its grains may almost
-float, so it is not among the grains whose eigenvalues count. The table of the page is written.
+float; it is then not among the grains whose eigenvalues count. The table of the page is written.
 """
 
 from unittest.mock import patch

@@ -1,6 +1,6 @@
 """Processor time and size of output: archive frames, movies and reports.
 
-For comparison, frames are also written with HDF5's gzip filter, alternating. Times do not include disk waits.
+For comparison, frames are also written with HDF5's gzip filter, alternating. Times do not include waiting for the disk.
 """
 
 import os
@@ -102,7 +102,7 @@ def row(case: str, n: int, ours: float, peer: float | None, peer_name: str, unit
 
 
 def rows(*, smallest: bool = False):
-    """All rows."""
+    """Yield the rows of all kinds and sizes."""
     for kind in PACKINGS:
         yield from frames(kind, 100 if smallest else 100_000)
     for kind in () if smallest else PACKINGS:
