@@ -342,7 +342,7 @@ def _open(path, remedy: str = REMEDY):
             digest = hashlib.file_digest(content, "sha256").hexdigest().encode()
         if block[len(_HEADER) :].strip() != digest:
             raise ArchiveError(
-                f"{path} is damaged or was modified (its checksum does not match): restore a copy, or run it again"
+                f"{path} is damaged or was modified (its checksum does not match): restore a copy, or repeat the run"
             )
         with h5py.File(path) as file:
             if not OLDEST <= (schema := file.attrs.get("schema")) <= SCHEMA:

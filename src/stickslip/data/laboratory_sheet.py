@@ -78,7 +78,7 @@ def _text_sheet(
     first, mark = _find_numbers(body)
     if first is None:
         seen = f": it has no numbers below {body[0][1].strip()[:60]!r}" if body else ""
-        raise ValueError(f"{path} contains no data{seen}; give a header such as '{example}' and rows")
+        raise ValueError(f"{path} contains no data{seen}; give a header such as '{example}', and rows of numbers")
     rows = split_rows(path, body[first:], mark)
     width = len(rows[0][1])
     above = [line for _, line in body[:first]]

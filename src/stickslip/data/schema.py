@@ -58,8 +58,8 @@ def require_lammps_for_ranks(engine: str, ranks: int) -> None:
     """Raise ValueError if several MPI processes are requested for an engine without MPI."""
     if ranks > 1 and engine != "lammps":
         raise ValueError(
-            f'ranks = {ranks} requires engine = "lammps", as engine = {engine!r} has no MPI processes: use it, or '
-            "leave ranks out"
+            f'ranks = {ranks} requires engine = "lammps", as engine = {engine!r} has no MPI processes: use '
+            "that engine, or leave ranks out"
         )
 
 

@@ -129,7 +129,7 @@ def load_arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         return read_arrays(path, remedy="write it again")
     except Exception:  # numpy, zipfile and zlib raise various errors for a damaged file
-        raise PackingError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
+        raise PackingError(f"{path} cannot be read as .npz: use numpy.savez without Python objects") from None
 
 
 def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]:
@@ -194,7 +194,7 @@ def read_archive(path: Path, wanted: str | None = None) -> list[Packing]:
     tree = archive.read(path, remedy=REMEDY)
     states = dict(_find_states(tree))
     if not states:
-        raise PackingError(f"{path} contains no state: give an archive of states, or an .npz")
+        raise PackingError(f"{path} contains no state: give an archive of states, or an .npz file")
     some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
     if wanted is None and len(states) > 1:
         raise PackingError(f"{path} contains {len(states)} states: choose one with --frame, from {some}")
@@ -340,7 +340,7 @@ def read_gsd(path: Path, frame: str | None = None) -> list[Packing]:
         sizes = _sizes_of_frames(path)  # first, because the library does not check them
         with hoomd.open(str(path), "r") as file:
             if not len(file):
-                raise PackingError(f"{path} has no frames: give a GSD file with at least one")
+                raise PackingError(f"{path} has no frames: give a GSD file with at least one frame")
             chosen = chosen_frames(path, [str(k) for k in range(len(file))], frame)
             budget = Budget(path, path.stat().st_size, remedy="write it again", error=PackingError)
             for k in chosen:
@@ -353,8 +353,8 @@ def read_gsd(path: Path, frame: str | None = None) -> list[Packing]:
     except (OSError, RuntimeError, KeyError, IndexError, TypeError, ValueError, MemoryError, OverflowError) as problem:
         why = str(problem).replace("\n", " ").strip("'\"")
         raise PackingError(
-            f"{path} cannot be read as GSD ({type(problem).__name__}: {why[:120]}): it is truncated, of another "
-            f"version, or not a GSD file"
+            f"{path} cannot be read as GSD ({type(problem).__name__}: {why[:120]}): it is truncated, has another "
+            f"version, or is not a GSD file"
         ) from None
 
 

@@ -114,7 +114,7 @@ def _numbers(path: Path, known: dict[str, np.ndarray], n: int, of_pfc: bool) -> 
     """(K, 2) rows of the bonded grains, from 0, and an assumption if the file may number grains from 0 or from 1."""
     ends = np.stack([known["i"], known["j"]], axis=1)
     if not len(ends) or not (ends == np.round(ends)).all():
-        raise PackingError(f"{path} lists no pairs of grains: i and j must be whole numbers, the rows of grains from 0")
+        raise PackingError(f"{path} lists no pairs of grains: i and j must be whole numbers, which count grains from 0")
     unknown = bool(ends.min() >= 1 and ends.max() < n)
     start = int(of_pfc if unknown else ends.min() >= 1)  # PFC counts from 1
     if not (ends.min() >= start and ends.max() < n + start):

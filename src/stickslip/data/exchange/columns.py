@@ -84,7 +84,7 @@ def _zstandard(path: Path):
             continue
     raise PackingError(
         f"{path} is compressed with Zstandard, which Python reads from version 3.14 on: decompress it with "
-        f"`unzstd {shlex.quote(path.name)}`, or `pip install zstandard`"
+        f"`unzstd {shlex.quote(path.name)}`, or run `pip install zstandard`"
     )
 
 

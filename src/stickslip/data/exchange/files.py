@@ -219,8 +219,8 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
 
         if of_lammps:
             raise PackingError(
-                f"{', '.join(of_lammps)} does not apply to the folder {path}, whose files contain it: give one of "
-                "these files"
+                f"{', '.join(of_lammps)} does not apply to the folder {path}, whose files contain this information: "
+                "give one of these files"
             )
         packing, contacts = read_folder(path, None if frame == "all" else frame)
         if contacts and packing.law is None and not given and file_law is None:
@@ -428,12 +428,12 @@ def _write(path: Path, suffix: str, frames: list[Frame]) -> list[str]:
     if suffix not in (*SINGLE, *ARCHIVE):
         return (writers_of_wings() | SERIES)[suffix](path, frames)
     if any(frame.moving for frame in frames):
-        raise PackingError(f"an animation cannot be written as {suffix}: write {', '.join(SERIES)}")
+        raise PackingError(f"an animation cannot be written as {suffix}: use {', '.join(SERIES)}")
     if suffix in ARCHIVE:
         return write_archive(path, frames)
     if len(frames) > 1:
         raise PackingError(
-            f"{len(frames)} states cannot be written as {suffix}, which stores one: choose one with --frame, or write "
+            f"{len(frames)} states cannot be written as {suffix}, which stores one: choose one with --frame, or use "
             f"{', '.join((*SERIES, ARCHIVE[0]))}"
         )
     return SINGLE[suffix](path, frames[0])

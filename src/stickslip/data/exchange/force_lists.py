@@ -206,7 +206,7 @@ def _check_units(path: Path, columns: dict[str, np.ndarray]) -> None:
     units = {name: match[1].strip() for name in columns if (match := re.search(r"[\[(](.*?)[\])]", name))}
     for name, unit in units.items():
         if unit.lower() in PIXELS:
-            raise PackingError(f"{path} has {name!r} in pixels: give lengths in the unit of length of the law")
+            raise PackingError(f"{path} has {name!r} in pixels: give lengths in the law's unit of length")
     forces = sorted({unit for name, unit in units.items() if _contact_name(name) in (*FORCES, "fx", "fy", "fz")})
     if len(forces) > 1:
         raise PackingError(f"{path} has forces in {' and '.join(forces)}: give them in one unit")

@@ -138,7 +138,7 @@ def _check_contacts(m: MeasuredForces) -> None:
     if not len(m.pair_i):
         raise PackingError(f"measured contact forces are missing: give {' '.join(NEEDED)}")
     if not 0 <= m.ends.min() <= m.ends.max() < n:
-        raise PackingError(f"contacts name grains {m.ends.min()} to {m.ends.max()}: use 0 to {n - 1}")
+        raise PackingError(f"contacts name grains {m.ends.min()} to {m.ends.max()}: use numbers from 0 to {n - 1}")
     for name in ("position", "radius", "load", "force_n", "force_t"):
         if not np.isfinite(getattr(m, name)).all():
             raise PackingError(f"{name} contains NaN or infinity: every entry must be a finite number")

@@ -285,10 +285,10 @@ def _law_of(told: Commands, labels: dict[str, str], kind: int) -> tuple[str, Bon
     if row.group == HARMLESS:
         return style, None, None
     if not given:
-        raise ValueError(f"no bond_coeff gives bonds of type {kind} a law")
+        raise ValueError(f"no bond_coeff defines a law for bonds of type {kind}")
     numbers = [parse_number(word) for word in given[-1]]
     if len(numbers) != COEFFICIENTS[style]:
-        raise ValueError(f"{style} has {COEFFICIENTS[style]} coefficients, got {len(numbers)}: {' '.join(given[-1])}")
+        raise ValueError(f"{style} needs {COEFFICIENTS[style]} coefficients, got {len(numbers)}: {' '.join(given[-1])}")
     if not all(0 <= number < np.inf for number in numbers):
         raise ValueError(f"coefficients of {style} must be finite and not negative, got {' '.join(given[-1])}")
     if style == "harmonic":

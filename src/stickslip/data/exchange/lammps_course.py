@@ -81,8 +81,8 @@ class Course:
         mask = group_members(self.run, group, self.packing.ids, self.types, self.n) if mask is None else mask
         if mask is None:
             raise ValueError(
-                f"the members of group {group} are uncertain: they are known from restart files, or from commands "
-                "that select types or ids which do not change later"
+                f"the members of group {group} are uncertain: they are known only from restart files, or from "
+                "commands that select types or ids which do not change later"
             )
         return mask
 

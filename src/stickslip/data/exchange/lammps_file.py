@@ -182,7 +182,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     if damping_model(law) and missing:
         raise PackingError(
             f"the slip of contacts with dashpots needs every grain's {' and '.join(sorted(missing))}: add vx vy vz "
-            f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"
+            f"omegax omegay omegaz to the dump of grains, or a section Velocities to the data file"
         )
     state = placed_state(packing, law)
     rows, entries, sign = _match_pairs(state, pairs)
@@ -381,7 +381,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     if ends is None:
         raise PackingError(
             f"{path} has {values.shape[1]} unnamed columns, none of which contain ids of touching grains: "
-            f"{group_hint(packing) or 'its grains are those of another time step or run, or name its columns'}"
+            f"{group_hint(packing) or 'give contacts of the same step and run as the grains, or name the columns'}"
         )
     i, j = np.searchsorted(ids, values[:, ends : ends + 2].astype(np.int64)).T
     names[ends : ends + 2] = "i", "j"

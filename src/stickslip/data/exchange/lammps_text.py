@@ -141,7 +141,7 @@ def restricted_box(size, xy: float, xz: float, yz: float) -> np.ndarray:
     """(3, 3) vectors, as rows, of LAMMPS's restricted triclinic box; raise ValueError if they do not span one."""
     if not (np.isfinite([*size, xy, xz, yz]).all() and (np.asarray(size) > 0).all()):
         lengths = " ".join(f"{length:g}" for length in size)
-        raise ValueError(f"a box of lengths {lengths} along x y z, which must be positive: bounds are low, then high")
+        raise ValueError(f"a box of lengths {lengths} along x y z, which must be positive: give low bounds, then high")
     return np.array([[size[0], 0, 0], [xy, size[1], 0], [xz, yz, size[2]]], float)
 
 

@@ -413,7 +413,7 @@ def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
                 columns[query] = _parse(path, words)
             elif not query.startswith("Total"):  # single numbers are left out
                 raise PackingError(
-                    f"{path} has {len(words)} values of {query!r} at time {names[k]}, but {most} of other queries"
+                    f"{path} has {len(words)} values of {query!r} at time {names[k]}, but {most} values of others"
                 )
         packings.append(packing_of_columns(columns, path.name, names[k], [Assumption(extent_note(path.name))]))
     return [packing._replace(notes=[*choice, *packing.notes]) for packing in packings]
@@ -469,7 +469,7 @@ def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
     rows, numbers = rest.reshape(count, width), _parse(path, head[3 : 3 + kinds])
     if numbers.sum() != count or (numbers < 0).any() or (numbers % 1).any():
         raise PackingError(
-            f"{path} declares {count} spheres, but {numbers.sum():g} of all kinds together: it is damaged"
+            f"{path} declares {count} spheres, but its kinds have {numbers.sum():g} in total: it is damaged"
         )
     diameter = np.repeat(_parse(path, sizes), numbers.astype(int)) if sizes else rows[:, dim]
     cell = np.eye(3)
