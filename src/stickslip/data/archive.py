@@ -91,7 +91,7 @@ def make_node(value, units: Units | None = None, unit: str | None = None) -> Nod
         known = value.units if isinstance(value, Fields) else dict.fromkeys(named, unit)
         content = {key: make_node(item, units, known.get(key)) for key, item in sorted(named.items())}
         return Node({"keys": type(numbers[0]).__name__} if numbers else {}, content)
-    if isinstance(value, tuple | list) and {*map(type, value)} not in ({float}, {int}):  # others: one array of numbers
+    if isinstance(value, tuple | list) and {*map(type, value)} not in ({float}, {int}):  # else one array of numbers
         content = {f"{k:06d}": make_node(item, units, unit) for k, item in enumerate(value)}
         return Node({"sequence": type(value).__name__}, content)
     if value is None:
@@ -191,7 +191,7 @@ def to_bytes(node: Node) -> bytes:
 
 
 def from_bytes(data: bytes) -> Node:
-    """Tree of nodes from its bytes."""
+    """Rebuild a tree of nodes from its bytes."""
     reader = Reader(data)
 
     def rebuilt(attrs, content, *shape) -> Node:

@@ -31,7 +31,7 @@ _FRAME = struct.Struct("<IHQ")  # checksum of the rest, length of the name, leng
 
 
 class Record(NamedTuple):
-    """Location of a record."""
+    """Location of a record in a file of pieces."""
 
     path: Path
     start: int
@@ -93,7 +93,7 @@ def _to_frame(name: str, content: bytes) -> bytes:
 
 
 OTHER_VERSION = "resume with that version, or restart with --overwrite"
-_PART = "part-"  # followed by a digest: scenario of a part of the run
+_PART = "part-"  # prefix, followed by a digest, of the file with the scenario of a part of the run
 
 
 class Checkpoint(NamedTuple):
@@ -101,9 +101,9 @@ class Checkpoint(NamedTuple):
 
     run: Path  # folder of the run
     scenario: str  # canonical text
-    nouns: tuple[type, ...] = ()  # classes of the NamedTuples and enums in its pieces
+    nouns: tuple[type, ...] = ()  # classes of the NamedTuples and enums in the pieces
     part: str = "."
-    units: Units | None = None  # None if they are not named
+    units: Units | None = None  # None if the run does not name units
 
     def of(self, part: str, *nouns: type) -> "Checkpoint":
         """Location of the pieces of one part of the run."""
@@ -216,7 +216,7 @@ def _refuse_damage(path: Path):
 def read_index(path: Path) -> Index:
     """Index of a file of pieces; raise ArchiveError if it does not identify their owner."""
     with _refuse_damage(path):
-        with path.open("rb") as file:  # only the records appended since the last call
+        with path.open("rb") as file:  # read only the records appended since the last call
             first = file.read(_FRAME.size)
             index = _INDEX.get(path)
             if index is None or index.first != first:  # another file: first records are unique
@@ -289,7 +289,7 @@ def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any],
 
 
 def kind_of_result(function: Callable) -> Any:
-    """Return annotation of a function or `partial`; Any if it has none."""
+    """Annotation of the result of a function or `partial`; Any if there is none."""
     return getattr(getattr(function, "func", function), "__annotations__", {}).get("return", Any)
 
 

@@ -16,7 +16,7 @@ from ..core.tables import marks_of_groups, split_rows
 from ..core.text import decode_text, parse_number
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
-SPREADSHEETS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # zip archives, as XLSX and ODS are, and old XLS
+SPREADSHEETS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # first bytes of zip archives (XLSX and ODS), and of old XLS files
 REMEDY = "give a text table, or an HDF5, MATLAB or binary XLOOK file"
 TITLE = struct.Struct(">20s4i")  # header of XLOOK: name, samples, columns, two unused
 CHANNEL = struct.Struct(">13s13si50si")  # name, unit, unused, comment, samples
@@ -201,8 +201,7 @@ def _look_sheet(path: Path, content: bytes) -> Sheet | None:
 
     A header of 16 or 32 channels, whose integers are big-endian, is followed by the columns, one after the other, as
     floating-point numbers of 4 or 8 bytes in the byte order of the machine that wrote them. The file states neither:
-    the size of numbers follows from the length of the file, and the byte order from their
-    magnitudes.
+    the size of numbers follows from the length of the file, and the byte order from the magnitudes of the numbers.
 
     Source
     ------
@@ -241,7 +240,7 @@ def _look_sheet(path: Path, content: bytes) -> Sheet | None:
 
 
 def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], known: Callable[[str], bool]) -> Sheet:
-    """Sheet of the columns among the arrays of a file; columns may be in groups, or in a single matrix."""
+    """Sheet of the columns found among the arrays of a file, which may be in groups or in a single matrix."""
     columns = {
         name: (array.ravel(), unit) for name, (array, unit) in arrays.items() if 1 < array.size == max(array.shape)
     }

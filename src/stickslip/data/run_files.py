@@ -32,8 +32,8 @@ FIGURES = r"(fig\d_\w+|claims)\.(png|pdf|svg)"
 UNFINISHED, SWEEP, MEMBERS, LEGS = "unfinished", "sweep.json", "members", "lammps"
 # temporary folders: results being written, a sweep that replaces another, pieces being removed
 WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
-BEGUN = "scenario-"  # followed by a digest: scenario of an unfinished run
-SHOWN = 8  # file names listed in a message
+BEGUN = "scenario-"  # prefix, followed by a digest, of the file with the scenario of an unfinished run
+SHOWN = 8  # largest number of file names listed in a message
 
 
 def foreign_files_message(folder: Path, names: list[str]) -> str:
@@ -129,7 +129,7 @@ _PART = re.compile(r"\..+\.\d+(\.\w+)?")  # temporary file of an unfinished writ
 _PIECE = re.compile(r".+\.(records|h5)|(scenario|part)(-\w+)?\.json|(reproduce|look)\.json|" + re.escape(_OVERWRITABLE))
 _SWEEP_FILES = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "ready")
 
-Files = dict[str, list[str]]  # digests by name: one, or two where a file is about to be replaced
+Files = dict[str, list[str]]  # digests by file name: one, or two while the file is being replaced
 
 
 def read_manifest(folder: Path) -> Files:
@@ -200,7 +200,7 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
 
 
 def _is_empty_run_folder(path: Path) -> bool:
-    """Return True for a folder that runs create early, left empty by a stopped run."""
+    """Return True for an empty folder that a stopped run created early."""
     if path.name not in (UNFINISHED, MEMBERS) or path.is_symlink() or not path.is_dir():
         return False
     return all(inner.is_dir() and not inner.is_symlink() for inner in path.rglob("*"))
@@ -340,7 +340,7 @@ def _find_foreign_file(place: Path) -> str | None:
     """Name of a foreign file or link found in place of the (empty) lock file or the note about its holder."""
     for name in (LOCK, HOLDER):
         path = place / name
-        with suppress(OSError):  # gone meanwhile
+        with suppress(OSError):  # it may have been removed meanwhile
             if not stat.S_ISREG(path.lstat().st_mode):
                 return name
             text = path.read_bytes()

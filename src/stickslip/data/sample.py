@@ -26,7 +26,7 @@ HUGE = 1e30  # larger numbers make products overflow
 NO_LAW = "the contact law is missing"
 FORMER_NO_LAW = "no contact law was given"  # wording in files of version 0.3
 UNDECIDED = "undecided: "  # beginning of notes on actions on the grains that were not imported
-LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # subjects
+LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # note subjects
 BONDS = "bonds"
 
 
@@ -92,7 +92,7 @@ class Account(str):
 
     @classmethod
     def of(cls, *parts: dict[str, list[str]]) -> "Account":
-        """Note on names by their group, from several parts."""
+        """Combine the names of several parts, by group, into one note."""
         groups = {
             group: list(dict.fromkeys(name for part in parts for name in part.get(group, ())))
             for group in (USED, HARMLESS, UNKNOWN)
@@ -129,7 +129,7 @@ def account_for(
 
 
 def with_one_account(notes: list[str]) -> list[str]:
-    """Notes with a single account of all names that readers found."""
+    """Notes in which a single account of all names that readers found replaces all accounts."""
     parts = [note.groups for note in notes if isinstance(note, Account)]
     rest = [note for note in dict.fromkeys(notes) if not isinstance(note, Account)]
     return [*rest, Account.of(*parts)] if parts else rest
@@ -175,7 +175,7 @@ def notes_about(notes, *subjects: str) -> list[str]:
 
 
 def law_text(law: Law) -> str:
-    """Return a law in one line."""
+    """Describe a law in one line."""
     return " ".join(repr(law).removeprefix("Law: ").split())
 
 
@@ -207,7 +207,7 @@ def from_arrays(
     velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
     external_force : (N, 3) [force]
     dim : 2 or 3; with 2, all vectors may have two components
-    i0 : float or (N,), moment of inertia I0 m R², default 2/5, or 1/2 in two dimensions
+    i0 : float or (N,), factor in the moment of inertia i0 m R², default 2/5, or 1/2 in two dimensions
 
     Raises
     ------
@@ -491,8 +491,8 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     if modes:
         cut &= state.contacts.mode[:count] != SLIDE
         # copy modes, and the limiting slip of sliding contacts, to trial memory, except where slip was cut; a contact
-        # marked as sliding far below the limit slid under another law, or one without friction: its slip determines
-        # its mode
+        # marked as sliding far below the limit slid under another law, such as one without friction: its slip
+        # determines its mode
         given = state.contacts.mode
         _, held = forces(state, law, memory=HELD | GIVEN)
         size, limit = (np.linalg.norm(contacts.slip[:count], axis=1) for contacts in (trial, held))

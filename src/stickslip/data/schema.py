@@ -26,7 +26,7 @@ from ..core.readable import folded, format_value, table
 from ..core.text import SentenceError
 from ..core.units import SI, Units, units_from
 
-LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also of law parameters: products of two or three do not overflow
+LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also of law parameters; products of two or three of these are finite
 
 
 def _check_size(value: float) -> float:
@@ -102,7 +102,7 @@ class ScenarioBase(ScenarioTable):
         """Iterate over the sizes of the run, each with the keys that determine it and advice on reducing it."""
         yield from ()
 
-    @model_validator(mode="after")  # pydantic calls validators of a base class first, before others make arrays
+    @model_validator(mode="after")  # pydantic calls validators of a base class first, before others create arrays
     def _check_sizes(self):
         require_sizes(self.sizes())
         return self

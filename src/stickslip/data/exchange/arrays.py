@@ -41,7 +41,7 @@ PROPERTIES = {
     LEVER: "lever arms R − δ/2", KEEPS_FORCE: "memory of forces", ROLLING: "rolling moments",
     TWISTING: "twisting moments",
 }  # fmt: skip
-# optional: the law of the packing
+# optional arrays that define the law of the packing
 LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t", "tension")
 
 
@@ -328,7 +328,7 @@ def recognize_gsd(head: bytes) -> bool:
 
 
 def read_gsd(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read the frames of a GSD file, named by their number from 0; files of other programs give arrays only.
+    """Read the frames of a GSD file, named by their number from 0; frames of other programs lack slip and a law.
 
     Raises
     ------
@@ -337,7 +337,7 @@ def read_gsd(path: Path, frame: str | None = None) -> list[Packing]:
     """
     hoomd = require("gsd.hoomd", "exchange")
     try:
-        sizes = _sizes_of_frames(path)  # first, because the library does not check them
+        sizes = _sizes_of_frames(path)  # checked first, because the library does not check sizes
         with hoomd.open(str(path), "r") as file:
             if not len(file):
                 raise PackingError(f"{path} has no frames: give a GSD file with at least one frame")

@@ -85,7 +85,7 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
     failed = np.zeros(len(pairs), np.int8)
     if "pb_state" in known:
         broken = known["pb_state"] < BONDED
-        failed[broken] = known["pb_state"][broken].astype(np.int8)  # as in `FAILURES`
+        failed[broken] = known["pb_state"][broken].astype(np.int8)  # numbered as in `FAILURES`
     new = {
         "stiffness": stiffness, "strength": np.minimum(strength, UNBREAKABLE), "arm": arm, "intact": ~broken,
         "failed": failed, "form": np.full(len(pairs), BY_BEAM, np.int8),
@@ -111,7 +111,7 @@ def _check_values(path: Path, known: dict[str, np.ndarray]) -> None:
 
 
 def _numbers(path: Path, known: dict[str, np.ndarray], n: int, of_pfc: bool) -> tuple[np.ndarray, list[str]]:
-    """(K, 2) rows of the bonded grains, from 0, and an assumption if the file may number grains from 0 or from 1."""
+    """(K, 2) rows of the bonded grains, from 0, and an assumption if the file does not show where it counts from."""
     ends = np.stack([known["i"], known["j"]], axis=1)
     if not len(ends) or not (ends == np.round(ends)).all():
         raise PackingError(f"{path} lists no pairs of grains: i and j must be whole numbers, which count grains from 0")

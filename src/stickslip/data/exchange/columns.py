@@ -29,7 +29,7 @@ FEW_DIGITS, SAMPLED = 9, 3000  # largest number of digits that counts as few, an
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 MOST_DIGITS = 12  # largest number of digits of a count of grains
 LONGEST_LINE = 60  # length of lines quoted in messages [characters]
-DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)  # errors of compressed files
+DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)  # errors raised for damaged compressed files
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
 
@@ -58,7 +58,7 @@ class Packing(NamedTuple):
     types: np.ndarray | None = None  # (N,) types from 0, which are rows of the law's table
     force: np.ndarray | None = None  # (N, 3) resultant on each grain [force]
     state: State | None = None  # complete state with its memory
-    setting: Callable[[State], State] | None = None  # adds walls and loads to the grains
+    setting: Callable[[State], State] | None = None  # function that adds walls and loads to the grains
     memory: tuple | None = None  # `Restart`, which holds the memory of contacts
     law: Law | dict | None = None  # law, or options of `law_by_name`
     labels: dict[str, int] | None = None  # types of atoms by their labels, from 1
@@ -152,7 +152,7 @@ def only_state(path: Path, frame: str | None) -> None:
 
 
 def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
-    """Indices of the named states to read: those of all, of one or, by default, of the last."""
+    """Indices of the states to read, given the names of all: all states, the chosen one or, by default, the last."""
     if frame == "all":
         return list(range(len(names)))
     if frame is not None and frame not in names:
@@ -251,7 +251,7 @@ def names_by_content(rows: np.ndarray) -> list[str] | None:
         return ["id", "x", "y", "radius"] if spread else ["x", "y", "z", "radius"]
     if width == 6 and (rows[:, :2] == np.round(rows[:, :2])).all() and np.isin(rows[:, 5], (-1, 0, 1)).all():
         return ["frame", "id", "x", "y", "radius", "edge"]
-    size = width // 2 - 1  # index of the column of radii, which that of densities follows
+    size = width // 2 - 1  # index of the column of radii; densities are in the next one
     if width in (6, 8) and (sizes := rows[:, size : size + 2]).min(initial=1.0) > 0:
         names = [*"xyz"[:size], "radius", "density", *("vx", "vy", "vz")[:size]]
         return names if len(np.unique(sizes, axis=0)) <= PHASES else None
@@ -315,7 +315,7 @@ def packing_of_columns(
         if column not in rest and np.ndim(values) and len(values) != count:
             raise PackingError(f"{what} has {len(values)} values of {column} for {count} grains: write it again")
     notes = []
-    whole = [name for name in rest if np.ndim(columns[name]) and len(columns[name]) != count]  # not a row per grain
+    whole = [name for name in rest if np.ndim(columns[name]) and len(columns[name]) != count]  # not one row per grain
     if whole:
         has = "has" if len(whole) == 1 else "have"
         notes.append(Assumption(f"{what}: {', '.join(whole)} {has} no row for each grain", COLUMNS))

@@ -74,7 +74,7 @@ class Format(NamedTuple):
     recognize: Callable[[bytes], bool]
     read: Callable[..., list[Packing]]
     of_lammps: bool = False  # whether the options for LAMMPS files apply
-    packs: bool = True  # whether files compressed as a whole are read
+    packs: bool = True  # whether files that are compressed as a whole can be read
 
 
 _here = partial(lazy_function, __package__)  # modules of formats are imported on demand
@@ -170,7 +170,7 @@ OPTIONS = {  # types of the options of `read_packing`, except numbers, which law
 
 
 def written() -> tuple[str, ...]:
-    """File extensions of the formats that are written."""
+    """File extensions of the formats that can be written."""
     return (*SINGLE, *ARCHIVE, *SERIES, *writers_of_wings())
 
 

@@ -26,7 +26,8 @@ OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # colu
 FRAMES = ("frame", "step", "timestep", "time")
 WIDEST = 1.0  # largest gap or overlap of grains in contact, over the smaller radius
 FAR = 5.0  # number of standard errors beyond which a negative normal force is impossible
-OPPOSITE = 0.05  # mean square of averages over that of half differences below which both readings are opposite
+# largest ratio, for opposite readings of contacts, of the mean square of averages to that of half differences
+OPPOSITE = 0.05
 FEW = 0.1  # largest fraction of contacts that may pull if errors are unknown
 SIGNED = 10  # number of tangential forces whose common sign is unlikely to be due to chance
 NAMELESS_GRAINS = {
@@ -35,7 +36,7 @@ NAMELESS_GRAINS = {
 }  # fmt: skip
 NAMELESS_CONTACTS = {4: ["i", "j", "fn", "ft"], 5: ["frame", "i", "j", "ft", "fn"]}
 BONDS = ["i", "j", "slides", "ft", "fn"]  # columns of RigidLibrary, whose third column has flags
-MATRICES = ("Norm", "Tan")  # in file names of RigidLibrary's matrices of normal and tangential forces
+MATRICES = ("Norm", "Tan")  # parts of the file names of RigidLibrary's matrices of normal and tangential forces
 ALIASES = {
     "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "particleid", "body1", "a"),
     "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "neighborid", "b"),
@@ -380,7 +381,7 @@ def _average(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, 
         return out
     size = {}
     for a, values in (("n", along), ("t", across)):
-        half = (values - out[f"force_{a}"][row])[twice[row]]  # half of each difference, with both signs
+        half = (values - out[f"force_{a}"][row])[twice[row]]  # half the difference of two readings
         if 2 * (out[f"force_{a}"][twice] ** 2).sum() < OPPOSITE * (half**2).sum():
             noun = "normal" if a == "n" else "tangential"
             raise PackingError(

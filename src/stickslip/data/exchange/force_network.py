@@ -16,7 +16,7 @@ from .force_lists import NEEDED, WIDEST, frames_of_lists, read_lists
 SAID = 0.05  # largest gap, over the smaller radius, that is not mentioned in a note
 SLIGHT = 0.01  # mean tangential over mean normal force below which the sign of tangential forces does not matter
 CLEAR = 1.2  # ratio of the imbalances for both signs of tangential forces above which the smaller one is conclusive
-PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
+PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain in PeGS files
 
 
 Unknown = Annotated[Any, Array((0, 1), finite=False)]  # errors, NaN where unknown
@@ -228,7 +228,7 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
 
 
 def _notes_on_sign(m: MeasuredForces) -> list[str]:
-    """Note if forces on free disks balance better, or no worse, with the opposite sign of tangential forces."""
+    """Note for free disks whose forces do not balance better with the tangential forces as read than with −ft."""
     inner = m.free & (np.bincount(m.ends.ravel(), minlength=len(m.radius)) > 1)
     mean = m.force_n.mean()
     if m.dim == 3 or not inner.any() or np.abs(m.force_t).mean() < SLIGHT * mean:

@@ -166,7 +166,7 @@ class Commands(NamedTuple):
 
     style: list[str]  # bond style and its options; empty if there is none
     place: str  # place of the command that sets the style
-    coefficients: list[list[str]]  # words of bond_coeff since the style
+    coefficients: list[list[str]]  # words of each bond_coeff after the style was set
     weights: list[str]  # factors of special_bonds for contacts of grains one, two and three bonds apart
     made: list[str]  # the commands create_bonds, with their places
     deleted: list[str]  # the commands delete_bonds, with their places
@@ -247,7 +247,7 @@ def with_lengths(bonds: ListedBonds, now: Packing, then: Packing) -> ListedBonds
 
 
 def laws_of_bonds(told: Commands, listed: ListedBonds) -> tuple[list[tuple], list[str]]:
-    """Arguments of `bonded_at_rest` after the state for each active type of bond, and the styles of these types.
+    """Arguments of `bonded_at_rest`, except the state, for each active type of bond, and the styles of these types.
 
     Raises
     ------
@@ -315,7 +315,7 @@ def _bpm(style: str, options: list[str], numbers: list[float]) -> Bond:
     """Law of `bpm/spring` or `bpm/rotational`."""
     flags, k = {"break": True, "smooth": True, "normalize": False, "overlay/pair": False, "volume/factor": False}, 0
     while k < len(options):
-        if options[k] == "store/local":  # output only
+        if options[k] == "store/local":  # affects output only
             k += 3
             while k < len(options) and options[k] in STORED:
                 k += 1
@@ -341,7 +341,7 @@ def _bpm(style: str, options: list[str], numbers: list[float]) -> Bond:
 
 
 def notes_on_rest(told: Commands, listed: ListedBonds, acting: Sequence[str]) -> list[Assumption]:
-    """Notes on assumptions about bonds at rest."""
+    """Notes on assumptions about the rest configurations of bonds."""
     bpm = " and ".join(sorted({style for style in acting if style.startswith("bpm/")}))
     if bpm and listed.length is None and told.strained:
         how = (

@@ -63,7 +63,7 @@ def recognize_log(text: str) -> bool:
 
 
 def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Command | Block]:
-    """Commands and runs of files in the order in which they were written; each file has a name and a text."""
+    """Commands and runs of files in the order in which they were written; `texts` are names and texts of the files."""
     step: int | None = 0
     last: Command | None = None
     for source, text in texts:
@@ -166,7 +166,7 @@ INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react
 RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that change the number of grains
 COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
-COMBINED = ("union", "subtract", "intersect")  # groups composed of others
+COMBINED = ("union", "subtract", "intersect")  # styles of groups that are composed of other groups
 OPENING = ("include", "if", "jump", "python")  # commands that execute commands which are not in the script
 ABOUT_BONDS = (  # commands that change bonds, or change lengths that may be rest lengths
     "bond_style", "bond_coeff", "special_bonds", "create_bonds", "delete_bonds", "labelmap", "read_data",
@@ -215,7 +215,7 @@ class Dump(NamedTuple):
 
 
 def _selection(command: str) -> str:
-    """Return a command that writes grains if its group is not all, otherwise an empty text."""
+    """Return a command that writes grains if it leaves grains out, otherwise an empty text."""
     return "" if command.split()[-1] == "all" else command
 
 
@@ -382,7 +382,7 @@ def read_lines_of(path: Path) -> str:
 
 
 def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) -> Run:
-    """Run with the settings after one more command; `values` are those of variables, which a log has replaced."""
+    """Run with the settings after one more command; `values` are those of variables; logs already contain them."""
     words = command.words
     if words[0] == "variable" and len(words) > 3:
         values |= _value(words, values)
@@ -515,7 +515,7 @@ def _define(run: Run, key: str, rest: list[str], place: str) -> None:
         name, kind, *arguments = rest
         if kind == "clear":
             run.groups[name] = []
-        if kind in COMBINED:  # groups of which it is composed are kept in their present form
+        if kind in COMBINED:  # the groups of which it is composed are stored as they are now
             kept = {word: f"{word} {len(run.groups)}" for word in arguments if word != "all"}
             run.groups.update({new: list(run.groups.get(word, [["unknown"]])) for word, new in kept.items()})
             arguments = [kept.get(word, word) for word in arguments]

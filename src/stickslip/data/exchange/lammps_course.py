@@ -70,7 +70,7 @@ class Course:
         self.frozen, self.moved, self.turned = (np.zeros(self.n, bool) for _ in range(3))
         self.law: Law | None = None
         self.stored: list[float] = []  # coefficients in a restart file of the same run
-        self.bonds: list[tuple] = []  # arguments of `bonded_at_rest` after the state, for each type of bond
+        self.bonds: list[tuple] = []  # arguments of `bonded_at_rest`, except the state, for each type of bond
         self.met: dict[str, list[str]] = {USED: [], HARMLESS: [], UNKNOWN: []}
 
     def members(self, group: str) -> np.ndarray:
@@ -161,7 +161,7 @@ def _add_wall(course: Course, name: str, wall: Plane, contact: Contact, style: s
             "at all, but here walls are solid behind their surface"
         )
     if plain_style(style) == "hooke/history" and classic and touches.any():
-        # LAMMPS multiplies its k_t by the contact radius √(δ R), here at its mean
+        # LAMMPS multiplies its k_t by the contact radius √(δ R); here, the mean radius is used
         wall = wall._replace(scale=float(np.sqrt(overlap[touches] * radius[touches]).mean()))
         values = contact.values | {"kt": contact.values["kt"] * wall.scale}
         contact = contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
@@ -250,7 +250,7 @@ def _take_gravity(course: Course, name: str, group: str, arguments: list[str]) -
     else:
         phi, theta = np.deg2rad(values if kind == "spherical" else [0.0, 180.0 - values[0]])
         direction = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
-        if course.packing.arrays.get("dim") == 2:  # in the plane, for any phi
+        if course.packing.arrays.get("dim") == 2:  # gravity is in the plane for any phi
             direction = np.array([np.sin(theta), np.cos(theta), 0.0])
     course.push(members)
     if members.all():
@@ -533,7 +533,7 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
     if not apart:
         return
     ends = np.sort(course.types[course.contacts_of_grains()], axis=0)
-    for a, b in sorted(apart):  # contacts of types between which LAMMPS has no forces, but which exist here
+    for a, b in sorted(apart):  # types whose contacts have no forces in LAMMPS, but have forces here
         count = int(((ends[0] == a) & (ends[1] == b)).sum())
         what = f"pair_coeff defines no forces between types {a + 1} and {b + 1}"
         if count:

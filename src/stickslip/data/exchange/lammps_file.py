@@ -36,7 +36,7 @@ ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2
 SKIPPED = "-"  # name of a skipped column
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
 OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be wrong
-NEGLIGIBLE = 1e-6  # deviation, as above, below which no warning is issued
+NEGLIGIBLE = 1e-6  # deviation from these forces below which no warning is issued
 
 
 class Pairs(NamedTuple):
@@ -312,7 +312,7 @@ def state_of_pairs(packing: Packing, pairs: Pairs, law: Law) -> tuple[State, lis
 
 
 def with_wall_memory(state: State, law: Law, net: np.ndarray | None, notes: list[str]) -> tuple[State, list[str]]:
-    """State with slip at walls, which dumps lack, from the remaining force on each grain; and notes.
+    """State with slip at walls, which is not in dumps but follows from the remaining force on each grain; and notes.
 
     Parameters
     ----------
@@ -365,7 +365,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
 
     The two id columns name grains that touch. The distance and the branch vector of each pair follow from the
     positions of its grains. A normal force is parallel to the branch vector, a tangential one perpendicular to it.
-    Without either, the last three columns that are neither positions nor distances are the total force.
+    If neither exists, the last three columns that are neither positions nor distances are the total force.
 
     Parameters
     ----------

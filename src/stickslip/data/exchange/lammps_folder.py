@@ -54,7 +54,7 @@ class Files(NamedTuple):
     logs: list[Path]
     scripts: list[Path]
     others: list[Path]
-    words: dict[Path, list[list[str]]]  # lines of logs and scripts, as words; `read_folder` looks them up
+    words: dict[Path, list[list[str]]]  # lines of logs and scripts, split into words by `read_folder`
 
     @property
     def packings(self) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Conversion of contact laws to and from LAMMPS; messages name models without an equivalent.
+"""Conversion of contact laws to and from LAMMPS; messages name LAMMPS models that have no equivalent here.
 
 A new law, damping model or effect needs one line in a table.
 
@@ -104,7 +104,7 @@ def contact_of(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]
 
     Parameters
     ----------
-    style : such as hooke/history, or granular
+    style : name of the style, such as hooke/history or granular
 
     Raises
     ------
@@ -172,7 +172,7 @@ def _granular(arguments: list[str]) -> tuple[Contact, list[str]]:
 
 
 def _combine(contact: Contact, normal: str, tangential: str, numbers: list, rest: list) -> Contact:
-    """Law with its normal and tangential models, from their coefficients."""
+    """Law with given normal and tangential models, and parameters computed from their coefficients."""
     law = next((law for law, model in MODELS.items() if model == (normal, tangential.removesuffix(FORCE))), None)
     lacks, more, elastic = list(contact.lacks), dict(contact.values), ()
     if law is None:

@@ -3,8 +3,8 @@
 At the end of a restart file, each rank has a block of doubles with a record for every grain: its length, position, id,
 type, mask, image, velocity, radius, mass and spin, then one entry for each fix that stores data on grains. `fix
 NEIGH_HISTORY`, created by every history pair style, comes first: it lists the partners of the grain and the memory of
-each contact, in the order i − j. Entries of walls follow, in the order of their fixes. Most integers are stored in
-the bits of doubles.
+each contact, for the grain relative to its partner. Entries of walls follow, in the order of their fixes. Most integers
+are stored in the bits of doubles.
 """
 
 import re
@@ -46,15 +46,15 @@ OWN_COLUMNS = {  # columns of atom styles after the common ones; hybrid styles h
     "sphere": SIZES, "bond": ("molecule", "bonds"), "bpm/sphere": ("molecule", "bonds", *SIZES, "orientation"),
     "atomic": (),
 }  # fmt: skip
-WIDTHS = {"spin": 3, "orientation": 4}  # widths of columns other than 1
+WIDTHS = {"spin": 3, "orientation": 4}  # widths of columns that are wider than 1
 BOND_MEMORY = {"bpm/spring": 1, "bpm/rotational": 4}  # numbers stored for each bond by these styles
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
 HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory of grains
-LONGEST_LIST, LONGEST_NAME = 4096, 200  # bytes of the list of fixes, and of a name
+LONGEST_LIST, LONGEST_NAME = 4096, 200  # largest sizes of the list of fixes, and of a name [bytes]
 AT_CAP, TWIST, TWIST_AT_CAP = 6, 7, 8  # columns of `Contacts.rolling`
 MOST = 7  # number of values after the slip: contact radius, rolling and twisting
 ROTATIONS = 4  # number of values of rolling and twisting
-PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap over the pull-off gap of jkr
+PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap at separation over pull-off gap
 SHARE = 0.05  # fraction by which the dashpot force may change in half a step
 
 
@@ -344,7 +344,7 @@ def time_step(path: Path) -> int:
 
 
 def group_masks(path: Path, memory: Restart) -> dict[str, np.ndarray]:
-    """(N,) bool, members of each group named in the file."""
+    """(N,) masks of the grains in each group named in the file."""
     return _groups_and_labels(_read_whole(path), memory.mask)[0]
 
 
@@ -588,7 +588,7 @@ def restore_memory(state: State, law: Law, saved: Restart) -> State:
 
 
 def _ranges(state: State, law: Law) -> np.ndarray:
-    """(C,) gaps to which jkr contacts last in LAMMPS: there, the contact radius is that of the largest attraction."""
+    """(C,) gaps up to which jkr contacts last in LAMMPS, where the contact radius is that of the largest attraction."""
     r_eff, a, b = _pair_sizes(state, np.arange(state.contacts.count[0]))
     return PULL_OFF * evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff)
 
@@ -621,7 +621,7 @@ def _with_rotations(state: State, law: Law, rows: np.ndarray, more: np.ndarray) 
         twists = values["k_twist"], values["gamma_twist"], values["mu_twist"] * pressing
         if law.properties & SCALED:
             radius = np.sqrt(np.maximum(overlaps(state)[rows], 0.0) * r_eff)
-            if not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].uses_radius:  # contained in k_t(δ)
+            if not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].uses_radius:  # k_t(δ) contains the radius
                 radius = np.divide(c.stiffness_t[rows], values["kt"], out=radius, where=values["kt"] > 0)
             twists = twists[0] * radius**2, twists[1] * radius**2 * c.damping_t[rows], twists[2] * radius
         own[rows, TWIST_AT_CAP] = _at_cap(more[:, 3:], along, *twists)
@@ -682,7 +682,7 @@ def write_memory(template: Path, target: Path, state: State, law: Law) -> None:
 
     Parameters
     ----------
-    template : written by LAMMPS from a data file of the state
+    template : restart file that LAMMPS wrote from a data file of the state
     """
     content, n, walls = read_content(template), len(state.grains.radius), len(state.walls.mass)
     start, blocks = _blocks(content)

@@ -26,7 +26,7 @@ from .lammps_file import pairs_from_table
 from .lammps_folder import read_folder
 from .lammps_text import Table, packing_from_table, parse_step
 
-GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # entries counted in a dump
+GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # names of the entries that a dump counts
 BEGIN, ITEM = b"ITEM: TIMESTEP", b"ITEM:"
 COMPRESSED = (b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # first bytes of gzip and Zstandard files
 HEAD = 512  # number of bytes at the beginning of a file that identify its format

@@ -30,7 +30,7 @@ ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
 VOLUME = 4 / 3 * np.pi
 AXES = ("x", "y", "z")
 FORCE = ("fx", "fy", "fz")
-STYLES = {  # columns of the section Atoms, which three whole numbers may follow
+STYLES = {  # columns of the section Atoms; three image flags may follow
     "sphere": "id type diameter density x y z",
     "bpm/sphere": "id molecule type diameter density x y z",
     "atomic": "id type x y z",
@@ -130,7 +130,7 @@ def _parse_bounds(head: str, body: str):
         raise ValueError(f"a box of shape {rows.shape}")
     xy, xz, yz = rows[:, 2] if rows.shape[1] == 3 else (0.0, 0.0, 0.0)
     low, high = rows[:, 0].copy(), rows[:, 1].copy()
-    low[0] -= min(0.0, xy, xz, xy + xz)  # the file has the bounds of the tilted box
+    low[0] -= min(0.0, xy, xz, xy + xz)  # the file contains the bounds of the tilted box
     high[0] -= max(0.0, xy, xz, xy + xz)
     low[1] -= min(0.0, yz)
     high[1] -= max(0.0, yz)

@@ -182,7 +182,7 @@ def names_of(line: str) -> list[str] | None:
 
 
 def _convert_lengths(path: Path, columns: dict[str, np.ndarray]) -> list[str]:
-    """Convert lengths in place to the unit of the first; return a note, or raise PackingError for an unknown unit."""
+    """Convert lengths in place to the unit of the first column; return a note; an unknown unit raises PackingError."""
     found = {name: UNIT.search(name) for name in columns if plain_name(name) in LENGTHS}
     units = {name: (match[1] or match[2]).strip().lower() for name, match in found.items() if match}
     if len(set(units.values())) < 2:
@@ -233,7 +233,7 @@ def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def refuse(path: Path) -> PackingError:
-    """Error for a file in an unknown format, with its beginning and a remedy."""
+    """Error for a file in an unknown format; its message quotes the beginning of the file and names a remedy."""
     text = first_lines(path)
     lines = _content_lines(head_text(read_content(path, HEAD))[:4000])
     known = identify_columns(dict.fromkeys(names_of(lines[0]) or [] if lines else [], np.zeros(0)))[0]
@@ -255,7 +255,7 @@ def contact_table_path(path: Path) -> Path:
 
 
 def write_csv(path: str | Path, frame: Frame) -> list[str]:
-    """Write a table of grains and one of contacts, both or none; return notes on data that they do not store."""
+    """Write a table of grains and one of contacts, both or neither; return notes on data that they do not store."""
     path, grains = Path(path), frame.state.grains
     columns = {"": grains.position, "radius": grains.radius, "mass": grains.mass, "velocity": grains.velocity}
     columns |= {"spin": grains.spin, "material": grains.material, **exported(frame.grains)}
