@@ -35,7 +35,7 @@ class DaskClient(Protocol):
     scheduler: Any
 
     def nthreads(self) -> dict:
-        """Threads of each worker."""
+        """Number of threads of each worker."""
 
 
 # number of local processes, or a Dask scheduler's address or client; None: one process per core
@@ -108,8 +108,8 @@ def run_members(
     workers : number of processes, each on one core, or 1 to run everything in this process; or the address of a Dask
         scheduler, such as "tcp://host:8786" (or its JSON file, or a `distributed.Client`)
     stage : name of the work, for `report`
-    report : called as report(stage, share done, text) with the number of finished members, and a message from one of
-    them
+    report : called as report(stage, share done, text); the text contains the number of finished members and a message
+    from one of them
     describe : outcome of a member in a few words, for `report`
     load : load(k) returns the result of task k if it has already finished, else None; finished tasks are not run again
     save : called as save(k, result) in this process, as soon as task k has finished
@@ -132,7 +132,7 @@ def run_members(
     members = [None if result is None else Member(result, None) for result in results]
     missing = {k: task for k, task in enumerate(tasks) if members[k] is None}
     done, failed, shares = len(tasks) - len(missing), 0, dict.fromkeys(missing, 0.0)
-    share_done = float(done)  # sum of the shares of all members
+    share_done = float(done)  # sum of the finished shares of all members
 
     def keep(k: int, member: Member) -> None:
         nonlocal done, failed

@@ -60,7 +60,7 @@ class WorkerProcess:
         # the cores are already distributed over processes: BLAS and Numba get one thread each
         paths = os.pathsep.join(path for path in sys.path if path)
         environment = os.environ | dict.fromkeys(ONE_CORE, "1") | {"PYTHONPATH": paths, "PYTHONSAFEPATH": "1"}
-        # the working directory may contain a random.py: it comes last, for functions of an interactive session
+        # the working directory, needed for functions of an interactive session, comes last: it may contain a random.py
         here = [os.getcwd()] if "" in sys.path else []
         self.origin = _origin()
         self.process = subprocess.Popen(

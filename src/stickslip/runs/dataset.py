@@ -1,4 +1,4 @@
-"""Results of a run as an xarray DataTree with units: states by frame, ragged arrays of contacts, tables of numbers.
+"""Results of a run as an xarray DataTree with units: states by frame, ragged arrays of contacts, and tables.
 
 The touching contacts of all frames are concatenated along the dimension `contact`, and `contact_count` is their number
 in each frame. The CF conventions call this format a contiguous ragged array.
@@ -123,11 +123,11 @@ def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
     """Build all nodes; a dimension that clashes with a parent node's dimension is prefixed with the node's name."""
     states, tables, laws = {}, {}, {}
     _collect(tree, "", tree.get("law"), states, tables, laws)
-    sizes = Counter(len(state.grains.radius) for state in states.values()).most_common(1)  # numbers of grains
+    sizes = Counter(len(state.grains.radius) for state in states.values()).most_common(1)  # usual number of grains
     states = {name: state for name, state in states.items() if len(state.grains.radius) == sizes[0][0]}
     nodes = {}
     if states:
-        # walls of each state among those of the whole run, since some may have been removed
+        # indices of the walls of each state among those of the whole run, since some may have been removed
         walls, remaining = tree["walls"].split("\n") if isinstance(tree.get("walls"), str) else [], {}
         for path, state in states.items():
             mine = tree.get("frame_walls", {}).get(path.rpartition("/")[2], "").split("\n")

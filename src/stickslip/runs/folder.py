@@ -270,10 +270,10 @@ class UnfinishedRun(NamedTuple):
 
     scenario: ScenarioBase | None
     reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
-    sweep: dict | None = None  # tables, if it is a sweep
+    sweep: dict | None = None  # tables of the sweep, if it is one
     figures: bool = False  # whether the members of the sweep draw figures
     look: Look = PLAIN  # look of figures
-    part: tuple[int, int] | None = None  # part of a sweep, if only this one is run here
+    part: tuple[int, int] | None = None  # (k, n) if only the k-th of n parts of a sweep is run here
 
 
 @cache

@@ -281,7 +281,7 @@ def describe_refusals(refused: dict[str, int]) -> str:
     return ", ".join(f"{count} by {text}" for text, count in refused.items() if count)
 
 
-MOST_ROWS = 100_000  # limited, because the values are part of the text of the sweep
+MOST_ROWS = 100_000  # largest number of rows, limited because the values are part of the text of the sweep
 PLAIN = ("", "-", "1")  # units of dimensionless numbers
 
 

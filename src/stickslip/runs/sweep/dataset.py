@@ -123,7 +123,7 @@ def _value(output: dict | None, name: str) -> float:
 
 
 def comparison_files() -> tuple[str, ...]:
-    """Names of the files that compare the members of sweeps, of all experiments and in all formats."""
+    """Names of the files that compare the members of sweeps, for all experiments and in all formats."""
     names = []
     for experiment in EXPERIMENTS:
         try:

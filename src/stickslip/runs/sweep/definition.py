@@ -58,7 +58,7 @@ class Sweep(NamedTuple):
     base: dict
     axes: tuple[Axis, ...]
     mode: str  # "zip" for a grid with conditions, whose accepted points form a list
-    text: str  # canonical; the order of keys is that of the dimensions
+    text: str  # canonical text, in which the order of keys is that of the dimensions
     tried: int = 0  # number of points tested by conditions
     refused: tuple[tuple[str, int], ...] = ()  # conditions and the number of points rejected by each
 

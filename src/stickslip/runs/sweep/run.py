@@ -68,7 +68,7 @@ class MemberOutput(NamedTuple):
 
 @readable
 class SweepResult(NamedTuple):
-    """Outcome of all members, in order."""
+    """Outcomes of all members of a sweep, in order."""
 
     sweep: Sweep
     names: list[str]
@@ -201,7 +201,7 @@ def run_sweep(
 
 
 def members_of(part: tuple[int, int] | None, names: list[str]) -> set[int]:
-    """Numbers of the members of a part: every n-th one."""
+    """Numbers of the members that belong to a part: every n-th member."""
     first, every = part or (1, 1)
     return set(range(first - 1, len(names), every))
 
@@ -282,14 +282,14 @@ def _run_in_folder(scenario: ScenarioBase, folder: Path, look: Look | None, repo
 
 
 LISTED = 10  # largest number of listed failures, and of listed measures that no member has
-READY = "ready"  # file that marks a sweep that replaces another one as complete
+READY = "ready"  # file that marks a complete sweep, which is to replace another one
 
 
 def run_with_progress(
     chosen: Sweep, out: Path, *, workers: Workers, figures: bool, look: Look, confirm: Callable[[], bool],
     overwrite: bool = False, part: tuple[int, int] | None = None, gather: list[Path] = (),
 ) -> SweepResult | None:  # fmt: skip
-    """Print the number of members, let the user confirm it if it is large, validate all and run the unfinished ones.
+    """Print the number of members, let the user confirm a large number, validate all members, and run unfinished ones.
 
     Parameters
     ----------
