@@ -1,4 +1,4 @@
-"""Explanations for the speed of the backward front in a pushed disk array: the table of `docs/disk_array.md`.
+"""Explanations of the speed of the backward front in a pushed disk array: the table of `docs/disk_array.md`.
 
 python -m benchmarks backward_front     # about ten minutes; writes front.csv and the table
 """
@@ -70,14 +70,14 @@ def measure(words: str, tables: dict, pushes, thresholds, realizations: int = RE
 
 
 def read() -> list[Speeds]:
-    """Read the measured speeds from the file."""
+    """Read the measured speeds from the CSV file."""
     with OUT.open(encoding="utf-8", newline="") as file:
         _, *rows = csv.reader(file)
     return [Speeds(change, int(count), *map(float, rest)) for change, count, *rest in rows]
 
 
 def write(rows: list[Speeds]) -> None:
-    """Write the speeds to the file, and the table to the page."""
+    """Write the speeds to the CSV file, and the table to the page of the documentation."""
     OUT.parent.mkdir(parents=True, exist_ok=True)
     with OUT.open("w", encoding="utf-8", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
@@ -87,7 +87,7 @@ def write(rows: list[Speeds]) -> None:
 
 
 def table(rows: list[Speeds]) -> str:
-    """Format the table of the page."""
+    """Format the table for the documentation."""
     head = "| change | V_2 | V_2, oscillation averaged | by the drift | ω_y/π | velocity of the row "
     head += "| lead of the last disk |\n"
     return head + "|---|---|---|---|---|---|---|\n" + "".join(

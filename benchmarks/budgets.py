@@ -18,7 +18,7 @@ def seconds(*words: str) -> float:
 
 
 def row(case: str, value: float, budget: float) -> dict:
-    """One row of the table."""
+    """Row of the benchmark for one command."""
     return {
         "case": case, "n": 0, "threads": os.cpu_count() or 1, "ours": value, "peer": budget, "peer_name": "budget",
         "ratio": value / budget, "unit": "s",

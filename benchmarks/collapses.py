@@ -103,7 +103,7 @@ def compare(case: Case) -> "tuple[str, Difference | None]":
 class Difference(NamedTuple):
     """Differences between dynamics and path in the first collapse."""
 
-    load: float  # relative to the load of the path
+    load: float  # difference relative to the load of the path
     late: float  # delay beyond the duration of the collapse, as a fraction of the leg
     field: float  # relative difference of displacements
     wall: float  # relative difference for the wall, cell or force
@@ -117,7 +117,7 @@ def first_collapse(case: Case, path: LoadPath, run: SlowRun, event: Collapse) ->
     load = loads[near[near > 0][int(np.argmax(steps))]]
     ends = event.load - 0.5 * WINDOW, event.load + WINDOW + event.duration / WHOLE
     series = (path.load, path.states), (loads, states)
-    start = state_at(ends[0], *series[0])  # rattlers of this state are excluded in both
+    start = state_at(ends[0], *series[0])  # rattlers of this state are excluded in both series
     mine, theirs = (
         without_drift(start, displacements(*(state_at(end, *one) for end in ends)))[:, :3] for one in series
     )

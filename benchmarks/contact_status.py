@@ -1,8 +1,9 @@
 """Status of 400 critical contacts of 3000 disks: `contact_status`, cold and warm, against slower methods.
 
-The disks fill a periodic box at packing fraction 0.83 and are relaxed with friction 0.2 by two seconds of damped
-dynamics. They are then also in balance with friction 0.5, without contacts at the limit. Critical contacts and their
-sliding directions are drawn at random; no disk has two critical contacts, and no disk with one has only two contacts.
+The disks fill a periodic box at packing fraction 0.83 and are relaxed with friction 0.2 by damped dynamics, which takes
+two seconds. They are then also in balance with friction 0.5, without contacts at the limit. Critical contacts and their
+sliding directions are drawn at random; no disk has two critical contacts, and disks with one have at least three
+contacts.
 """
 
 import time
@@ -143,7 +144,7 @@ def table(best: dict, made: float, contacts: int, truth) -> list[dict]:
 
 
 def row(case: str, ours: float, peer: float | None, name: str, over: bool = True) -> dict:
-    """One row of the table."""
+    """Row of the benchmark for one case."""
     ratio = (peer / ours if over else ours / peer) if peer else None
     return {
         "case": case, "n": DISKS, "threads": 1, "ours": ours, "peer": peer, "peer_name": name, "ratio": ratio,

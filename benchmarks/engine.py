@@ -68,7 +68,7 @@ def both(*sides: str) -> tuple[str, ...]:
 
 
 def measure(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) -> tuple[float, ...]:
-    """Return the numbers printed by a side, seconds per step first; raise RuntimeError if it cannot run."""
+    """Return the numbers printed by one side, beginning with seconds per step; raise RuntimeError if it cannot run."""
     env = environment(native=side.startswith(NATIVE))
     if side == "YADE":
         if not shutil.which("yade"):

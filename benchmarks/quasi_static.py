@@ -24,7 +24,7 @@ from .spheres import STORE, row
 
 LAW = ss.laws.hertz_mindlin(mu=0.5)
 FRACTION, TOLERANCE = 0.66, 5e-14
-PREPARING, LARGE_PREPARING = (1e-4, 10), (2e-5, 8)  # size and number of steps before timing; for 10,000 spheres
+PREPARING, LARGE_PREPARING = (1e-4, 10), (2e-5, 8)  # size and number of steps before timing, also for 10,000 spheres
 BUDGETS = {(1000, 2e-5): 0.1, (1000, 1e-4): 0.1, (4000, 2e-5): 2.0, (4000, 1e-4): 2.0, (10_000, 2e-5): 10.0}
 
 

@@ -133,7 +133,7 @@ def imported(rooms, root: Path = ROOT) -> str:
 
 
 def folder(root: Path = ROOT) -> Path:
-    """Folder of the store."""
+    """Folder of the stored numbers."""
     return root / "docs" / "numbers"
 
 

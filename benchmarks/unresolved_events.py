@@ -49,7 +49,7 @@ def collect(parts: int = PACKINGS // PER_PART, each: int = PER_PART) -> list[tup
 
 
 def table(rows: list[tuple[EventKind, float, bool]]) -> str:
-    """Format the table of the page."""
+    """Format the table for the documentation."""
     text = "| class | events | nearest contact or gap belongs to a nearly floating grain | and is within 1e-8 |\n"
     text += "|---|---|---|---|\n"
     for kind in dict.fromkeys(kind for kind, *_ in rows):

@@ -94,7 +94,7 @@ def oldest() -> list[str]:
 def urls(address: str) -> dict[str, str]:
     """Addresses that follow from the address of the repository, by their names in `[project.urls]`.
 
-    Binder and Colab open the notebook for a lecture hour; Colab only from GitHub.
+    Binder and Colab open the notebook for a lecture hour; Colab does so only for repositories on GitHub.
     """
     address, version, note = address.rstrip("/"), f"v{package_version()}", "examples/lecture.ipynb"
     found = {
