@@ -31,7 +31,7 @@ class Speeds(NamedTuple):
     smooth_error: float
     drift: float  # front speed of a row that drifts with a constant profile [length/time]
     drift_error: float
-    wave: float  # angular frequency of the mode along y over π, as the paper explains it [length/time]
+    wave: float  # front speed by the paper's explanation: ω_y/π with the frequency ω_y along y [length/time]
     velocity: float  # velocity of the row [length/time]
     lead: float  # displacement of the last disk minus the mean displacement [length]
 

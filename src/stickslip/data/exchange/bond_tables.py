@@ -111,7 +111,7 @@ def _check_values(path: Path, known: dict[str, np.ndarray]) -> None:
 
 
 def _numbers(path: Path, known: dict[str, np.ndarray], n: int, of_pfc: bool) -> tuple[np.ndarray, list[str]]:
-    """(K, 2) rows of the bonded grains, from 0, and an assumption if the file does not show where it counts from."""
+    """(K, 2) rows of the bonded grains, from 0, and an assumption if the file may count from 0 or from 1."""
     ends = np.stack([known["i"], known["j"]], axis=1)
     if not len(ends) or not (ends == np.round(ends)).all():
         raise PackingError(f"{path} lists no pairs of grains: i and j must be whole numbers, which count grains from 0")

@@ -152,7 +152,7 @@ def only_state(path: Path, frame: str | None) -> None:
 
 
 def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
-    """Indices of the states to read, given the names of all: all states, the chosen one or, by default, the last."""
+    """Indices of the states to read among those with these names: all, the chosen one or, by default, the last one."""
     if frame == "all":
         return list(range(len(names)))
     if frame is not None and frame not in names:
@@ -281,7 +281,7 @@ def identify_columns(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarr
 
 
 def _find_vector(plain: dict[str, np.ndarray], prefixes) -> tuple[np.ndarray | None, list[str]]:
-    """Vector from one column with two or three components, or from one column per component; names of these columns."""
+    """Vector from one column with two or three components, or from a column for each, and the names of the columns."""
     for prefix in prefixes:
         whole = plain.get(prefix)
         if whole is not None and whole.ndim == 2 and whole.shape[1] in (2, 3):

@@ -26,7 +26,8 @@ OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # colu
 FRAMES = ("frame", "step", "timestep", "time")
 WIDEST = 1.0  # largest gap or overlap of grains in contact, over the smaller radius
 FAR = 5.0  # number of standard errors beyond which a negative normal force is impossible
-# largest ratio, for opposite readings of contacts, of the mean square of averages to that of half differences
+# readings of contacts at both grains are opposite if the mean square of their averages, over that of half their
+# differences, is below this
 OPPOSITE = 0.05
 FEW = 0.1  # largest fraction of contacts that may pull if errors are unknown
 SIGNED = 10  # number of tangential forces whose common sign is unlikely to be due to chance
@@ -422,7 +423,7 @@ def _pressing(contacts: Path, network: dict, ids: np.ndarray, notes: list[str]) 
 
 
 def _near(contacts: Path, network: dict, place: np.ndarray, radius: np.ndarray, notes: list[str]) -> dict:
-    """Drop contacts between distant grains, such as misidentified ones, if there are few; otherwise keep them all."""
+    """Drop contacts between distant grains, such as mistaken contacts, if there are few; otherwise keep them all."""
     i, j = network["pair_i"], network["pair_j"]
     gap = np.linalg.norm(place[i] - place[j], axis=1) - radius[i] - radius[j]
     share = np.abs(gap) / np.minimum(radius[i], radius[j])

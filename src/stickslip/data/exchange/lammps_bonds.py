@@ -56,7 +56,7 @@ def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray,
 
 
 def note_on_bonds(bonds: ListedBonds, why: str = "") -> list[Obstacle]:
-    """Note that bonds were not imported, because of `why` or, by default, because their laws are in the run folder."""
+    """Note that bonds were not imported; the reason is `why` or, by default, that their laws are in the run folder."""
     if not len(bonds.i):
         return []
     text = f"{pluralize(len(bonds.i), 'bond')} of {bonds.source} were not imported: "

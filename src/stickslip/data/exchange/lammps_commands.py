@@ -382,7 +382,7 @@ def read_lines_of(path: Path) -> str:
 
 
 def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) -> Run:
-    """Run with the settings after one more command; `values` are those of variables; logs already contain them."""
+    """Run with the settings after one more command; `values` are those of variables, which logs already contain."""
     words = command.words
     if words[0] == "variable" and len(words) > 3:
         values |= _value(words, values)

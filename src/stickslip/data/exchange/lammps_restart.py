@@ -459,7 +459,7 @@ def _string(reader: Reader) -> str:
 
 
 def _read_own(block: np.ndarray, start: np.ndarray, columns: Sequence[str]):
-    """Columns of an atom style in a block, number of bonds of each grain, position of the first, and their end."""
+    """Columns of an atom style in a block; number of bonds of each grain, position of its first bond, and their end."""
     extra = {"orientation": np.tile([1.0, 0, 0, 0], (len(start), 1))}
     at, count, first = start + OWN, np.zeros(len(start), np.int64), start
     for name in columns:
