@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class Benchmark(NamedTuple):
-    """Command that measures numbers."""
+    """Command that measures numbers, its duration, and the code on which the numbers depend."""
 
     about: str
     seconds: float  # approximate duration on one core
@@ -13,7 +13,7 @@ class Benchmark(NamedTuple):
     ratios: bool = False  # True if it is part of `make bench`
 
 
-STEPS = ("_core", "builtin_laws", "core")  # time steps
+STEPS = ("_core", "builtin_laws", "core")  # code that computes single time steps
 LOOP = (  # code that computes time steps of grains
     "_core", "builtin_laws", "core/dynamics", "core/contacts/forces.py", "core/contacts/neighbors.py",
     "core/laws/builtin.py", "core/laws/compiled.py", "core/laws/kinds.py", "core/laws/properties.py", "core/state.py",

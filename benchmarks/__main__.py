@@ -2,8 +2,8 @@
 
 Rows are printed as soon as they are available. `--store` also writes them to docs/numbers/NAME.json, and into the pages
 that show them. `--smallest` is a quick check that the benchmark works; its numbers are meaningless and cannot be
-stored. `all` runs the benchmarks that give ratios to other codes or budgets; codes that are not installed are skipped.
-Further words are options of a benchmark, described in its docstring.
+stored. `all` runs the benchmarks that give ratios to other codes or to budgets; codes that are not installed are
+skipped. Further words are options of a benchmark, which its docstring describes.
 """
 
 import importlib

@@ -27,7 +27,7 @@ from stickslip.solve import birth
 SHARE = 0.05  # initial amplitude of a run on the mode, as a fraction of the predicted amplitude
 NOISE = 1e-5  # initial displacement of a run from random velocities, as a fraction of the predicted displacement
 DOMINATES = 2.0  # smallest ratio of the growth rate of the pair to that of any other motion
-GROWTH = (0, 3e-4, 1e-3, np.inf)  # limits of classes by the ratio of growth rate to frequency
+GROWTH = (0, 3e-4, 1e-3, np.inf)  # limits between classes of states, by the ratio of growth rate to frequency
 MOST_STEPS = 1_000_000
 TOO_LONG = "the runs would need more than a million steps"
 BEYOND = 4.0  # e-folding times allowed for an event beyond the time of linear growth
@@ -38,12 +38,12 @@ class Seen(NamedTuple):
 
     kind: str  # "limit", "opened", or "none"
     contact: tuple[int, int]
-    amplitude: float  # largest amplitude up to then
+    amplitude: float  # largest amplitude up to that time
     closed: tuple[int, int]  # first contact that closed earlier; (−1, −1) if none did
 
 
 class Row(NamedTuple):
-    """One state: prediction and two runs."""
+    """Prediction for one state, and its two runs."""
 
     n: int
     mu: float
@@ -58,7 +58,7 @@ def growing(found) -> np.ndarray:
 
 
 def dominated(state, law) -> float:
-    """Ratio of the growth rate of the fastest pair to the next one; zero if the fastest motion is not a pair."""
+    """Growth rate of the fastest pair over that of the next motion; zero if the fastest motion is not a pair."""
     found = ss.stability(state, law)
     rates = growing(found)
     if not len(found.pairs) or found.growth_rate[0] < rates[0] or not found.pairs[0].real > 0:
@@ -67,14 +67,14 @@ def dominated(state, law) -> float:
 
 
 def chosen(states: list, law, rng):
-    """Choose a state: with equal probability a random one, or that with the smallest Im λ/Re λ."""
+    """Choose, with equal probability, a random state or the state with the smallest Im λ/Re λ."""
     if rng.random() < 0.5:
         return states[int(rng.integers(len(states)))]
     return min(states, key=lambda state: (lambda pair: pair.imag / pair.real)(ss.stability(state, law).pairs[0]))
 
 
 def sheared_packings(dim: int, sizes, rng):
-    """Yield one state per sheared packing that is dominated by one pair, or None if the packing has none."""
+    """Yield, for each sheared packing, a state dominated by one pair, or None if the packing has no such state."""
     while True:
         n, mu = int(rng.integers(*sizes)), float(10 ** rng.uniform(np.log10(0.3), 1))
         law = ss.laws.hertz_mindlin(mu=mu, coulomb="smooth")
@@ -94,7 +94,7 @@ def sheared_packings(dim: int, sizes, rng):
 
 
 def pushed_arrays(rng, *, mixed: bool = False):
-    """Yield pushed arrays dominated by one pair; mixed arrays have unequal disks, and gaps up to a small overlap."""
+    """Yield pushed arrays dominated by one pair; mixed arrays have unequal disks, some with gaps between them."""
     while True:
         n, mu, press = int(rng.integers(5, 16)), float(10 ** rng.uniform(np.log10(2), 1)), 10 ** rng.uniform(-5, -4)
         law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=mu, coulomb="smooth"), 0, 1)
@@ -120,7 +120,7 @@ def pushed_arrays(rng, *, mixed: bool = False):
 
 
 def on_mode(state, form, plane, amplitude: float):
-    """State on the growing mode at an amplitude, with the velocities of linear growth."""
+    """State displaced along the growing mode by an amplitude, with the velocities of linear growth."""
     free, exponent, grains = form.free, np.sqrt(-plane.value + 0j), state.grains
     exponent *= np.sign(exponent.real)
     u = (plane.u0 + 1j * plane.value.imag * plane.u1) / np.sqrt(free.mass)
@@ -196,7 +196,7 @@ def foreseen(form) -> tuple[int, int]:
 
 
 def describe(name: str, row: Row) -> str:
-    """One line for one state."""
+    """Describe a state, its prediction and its runs in one line."""
     form, words = row.form, []
     for seen in (row.on_mode, row.random):
         right, fate = verdicts(row, seen)
@@ -213,7 +213,7 @@ def describe(name: str, row: Row) -> str:
 
 
 def summarise(name: str, rows: list[Row]) -> str:
-    """One line for a group of states."""
+    """Summarise a group of states in one line."""
     if not rows:
         return f"{name}: no states"
     parts = []

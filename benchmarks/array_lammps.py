@@ -1,8 +1,8 @@
 """Run the pressed and pushed array of ten disks in LAMMPS, in its own process; print seconds per step.
 
 Grains, wall, period, forces, law (Hertz–Mindlin with memory, sharp Coulomb, no dashpots) and time step are those of
-`array_stickslip.py`, without output during the run. LAMMPS multiplies stiffnesses by √R_eff; they are therefore divided
-by this factor.
+`array_stickslip.py`; there is no output during the run. LAMMPS multiplies stiffnesses by √R_eff. The given stiffnesses
+are therefore divided by this factor.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""Explanations for the speed of the backward front in a pushed disk array: the table of `docs/disk_array.md`.
+"""Explanations of the speed of the backward front in a pushed disk array: the table of `docs/disk_array.md`.
 
 python -m benchmarks backward_front     # about ten minutes; writes front.csv and the table
 """
@@ -31,13 +31,13 @@ class Speeds(NamedTuple):
     smooth_error: float
     drift: float  # front speed of a row that drifts with a constant profile [length/time]
     drift_error: float
-    wave: float  # frequency of the mode along y over π, the paper's explanation [length/time]
+    wave: float  # front speed by the paper's explanation: ω_y/π with the frequency ω_y along y [length/time]
     velocity: float  # velocity of the row [length/time]
     lead: float  # displacement of the last disk minus the mean displacement [length]
 
 
 def cases() -> list[tuple[str, dict, tuple[float, ...], tuple[float, ...]]]:
-    """Names of the changes, with tables of the scenario, pushes and thresholds."""
+    """Name of each changed array, with the tables of its scenario, pushes and thresholds."""
     stiff = [(f"disk–disk k_n × {kn:g}", {"law": {"kn": kn, "wall": {"kn": 1.0}}}) for kn in (0.25, 0.5, 2.0, 4.0)]
     soft = [(f"k_t = {kt:g} k_n", {"law": {"kt": kt}}) for kt in (0.1, 0.6)]
     rows = [(f"N = {n}, F_x = {PUSH * n / 10:g}", {"array": {"disks": n}}, (PUSH * n / 10,)) for n in (5, 20)]
@@ -50,7 +50,7 @@ def cases() -> list[tuple[str, dict, tuple[float, ...], tuple[float, ...]]]:
 
 
 def measure(words: str, tables: dict, pushes, thresholds, realizations: int = REALIZATIONS) -> list[Speeds]:
-    """Run one ensemble; one row for each threshold."""
+    """Run one ensemble, and return one row for each threshold."""
     result = ss.simulate(ss.scenario(
         experiment="disk-array", **tables, load={"push": (0.0, *pushes), "step": 2e-3}, dynamics={"loads": ()},
         sliding={"loads": pushes, "realizations": realizations, "thresholds": thresholds},
@@ -70,14 +70,14 @@ def measure(words: str, tables: dict, pushes, thresholds, realizations: int = RE
 
 
 def read() -> list[Speeds]:
-    """Read the measured speeds from the file."""
+    """Read the measured speeds from the CSV file."""
     with OUT.open(encoding="utf-8", newline="") as file:
         _, *rows = csv.reader(file)
     return [Speeds(change, int(count), *map(float, rest)) for change, count, *rest in rows]
 
 
 def write(rows: list[Speeds]) -> None:
-    """Write the speeds to the file, and the table to the page."""
+    """Write the speeds to the CSV file, and the table to the page of the documentation."""
     OUT.parent.mkdir(parents=True, exist_ok=True)
     with OUT.open("w", encoding="utf-8", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
@@ -87,7 +87,7 @@ def write(rows: list[Speeds]) -> None:
 
 
 def table(rows: list[Speeds]) -> str:
-    """Format the table of the page."""
+    """Format the table for the documentation."""
     head = "| change | V_2 | V_2, oscillation averaged | by the drift | ω_y/π | velocity of the row "
     head += "| lead of the last disk |\n"
     return head + "|---|---|---|---|---|---|---|\n" + "".join(

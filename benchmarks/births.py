@@ -19,7 +19,7 @@ class Births(NamedTuple):
     born: int  # number of packings with a pair
     limited: int  # number of births with at least one contact at the Coulomb limit
     strain: float  # median strain of the first pair
-    low: float  # 95 % interval of the median, from a bootstrap over packings
+    low: float  # lower end of the 95 % interval of the median, from a bootstrap over packings
     high: float
     share: float  # median fraction of contacts at the limit at birth
     mobilisation: float  # median over births of the largest |F_t|/(μ F_n)
@@ -27,7 +27,7 @@ class Births(NamedTuple):
 
     @property
     def sources(self) -> str:
-        """Sources of asymmetry of J other than rotation of the contact: k_t, the limit, sliding."""
+        """Sources of the asymmetry of J other than the rotation of contacts: k_t, the limit, sliding."""
         limited = self.mu < UNLIMITED
         parts = ("k_t" if self.kind != "linear" else "", "limit" if limited and self.coulomb == "smooth" else "",
                  "sliding" if limited else "")  # fmt: skip

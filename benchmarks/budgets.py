@@ -18,7 +18,7 @@ def seconds(*words: str) -> float:
 
 
 def row(case: str, value: float, budget: float) -> dict:
-    """One row of the table."""
+    """Row of the benchmark for one command."""
     return {
         "case": case, "n": 0, "threads": os.cpu_count() or 1, "ours": value, "peer": budget, "peer_name": "budget",
         "ratio": value / budget, "unit": "s",
@@ -26,7 +26,7 @@ def row(case: str, value: float, budget: float) -> dict:
 
 
 def rows(*, smallest: bool = False):
-    """All commands; only the first for the smallest size."""
+    """Yield a row for each command; for the smallest size, only for the first command."""
     yield row("stickslip --version", min(seconds("--version") for _ in range(1 if smallest else ROUNDS)), 0.5)
     with tempfile.TemporaryDirectory() as folder:
         for name, budget in () if smallest else QUICK.items():

@@ -119,7 +119,7 @@ def gathered(folder: Path) -> tuple[dict[str, Table], dict[str, Table]]:
 
 
 def stored(laws, out: Path = OUT) -> dict[str, Table]:
-    """Return the stored events of all laws other than the given ones, without their number of parts."""
+    """Return the stored events of all laws other than the given ones, by label."""
     if not (out / "events.csv").is_file():
         return {}
     table, fresh = read_table(out / "events.csv"), {_plain(law) for law in laws}
@@ -153,8 +153,8 @@ def write_reference(folder: Path, out: Path = OUT) -> None:
 def estimate_again(out: Path = OUT) -> None:
     """Recompute classes and exponents of saddle nodes from stored eigenvalues; margins of pairs are not stored.
 
-    An event that is no longer a saddle node becomes unresolved, because the states needed to find a contact are not
-    stored.
+    An event that is no longer a saddle node becomes unresolved, because the states needed to find the responsible
+    contact are not stored.
     """
     events = read_table(out / "events.csv")
     for row in np.flatnonzero(np.isin(events["kind"], ["saddle_node", "sliding", "opening", "unresolved"])):
@@ -177,7 +177,7 @@ def estimate_again(out: Path = OUT) -> None:
 
 
 def _draw_events(whole: Table, every: dict[str, Table], out: Path) -> None:
-    """Draw the pictures for which all data are stored."""
+    """Draw the figures for which all data are stored."""
     save_picture(figures.eigenvalue_before_events(whole), out / "eigenvalue.png")
     save_picture(figures.classes({law: class_counts(table) for law, table in every.items()}), out / "classes.png")
     save_picture(figures.drops(every), out / "drops.png")

@@ -4,8 +4,8 @@
     python -m benchmarks collapses disks-load
 
 Criteria for the first collapse of each sample were fixed beforehand: dynamics collapses within 1 % of the load at which
-the path does, and displacements from shortly before to shortly after the collapse differ by at most a tenth, both of
-the grains and of the loaded wall or cell. In dynamics, the load continues to grow during the collapse. Cases in which
+the path does, and the displacements of the grains and of the loaded wall or cell, from shortly before to shortly after
+the collapse, differ by at most a tenth. In dynamics, the load continues to grow during the collapse. Cases in which
 dynamics is late by no more than the duration of the collapse are therefore counted as well. A collapse amplifies
 earlier differences, so later collapses are not compared.
 """
@@ -24,9 +24,9 @@ from stickslip.wings.status.collapse import Collapse, displacements, without_dri
 from stickslip.wings.status.path import LoadPath, load_path
 from tests.wings.status.five_packings import spheres
 
-DRAG, WHOLE = 0.02, 1e6  # drag in both, and duration of the leg in slow dynamics
+DRAG, WHOLE = 0.02, 1e6  # drag in both calculations, and duration of the leg in slow dynamics
 INCREMENT = 0.005
-WINDOW = 0.02  # fraction of the leg around a collapse in which dynamics is searched and displacements are compared
+WINDOW = 0.02  # part of the leg, around the collapse of a path, in which dynamics is compared with the path
 LOAD, FIELD = 0.01, 0.1  # tolerances stated above
 
 
@@ -103,21 +103,21 @@ def compare(case: Case) -> "tuple[str, Difference | None]":
 class Difference(NamedTuple):
     """Differences between dynamics and path in the first collapse."""
 
-    load: float  # relative to the load of the path
+    load: float  # difference relative to the load of the path
     late: float  # delay beyond the duration of the collapse, as a fraction of the leg
     field: float  # relative difference of displacements
     wall: float  # relative difference for the wall, cell or force
 
 
 def first_collapse(case: Case, path: LoadPath, run: SlowRun, event: Collapse) -> tuple[float, float, float]:
-    """Difference of the collapse load [legs], and relative differences of displacements and motion along the load."""
+    """Difference of collapse loads [fraction of the leg], and relative differences of displacements and of strength."""
     loads, states = np.append(0.0, run.load), [case.state, *run.states]
     near = np.flatnonzero(np.abs(loads - event.load) < WINDOW + event.duration / WHOLE)
     steps = [np.linalg.norm(displacements(states[k - 1], states[k])[:, :3]) for k in near if k]
     load = loads[near[near > 0][int(np.argmax(steps))]]
     ends = event.load - 0.5 * WINDOW, event.load + WINDOW + event.duration / WHOLE
     series = (path.load, path.states), (loads, states)
-    start = state_at(ends[0], *series[0])  # rattlers of this state are excluded in both
+    start = state_at(ends[0], *series[0])  # rattlers of this state are excluded in both series
     mine, theirs = (
         without_drift(start, displacements(*(state_at(end, *one) for end in ends)))[:, :3] for one in series
     )

@@ -1,4 +1,4 @@
-"""Restitution of two spheres for both readings of Ferdowsi & Rubin's damping, by our equation of motion and in LAMMPS.
+"""Restitution of two spheres for both readings of Ferdowsi & Rubin's damping, by this package and by LAMMPS.
 
 python -m benchmarks collisions
 """
@@ -43,7 +43,7 @@ print(v[1, 0] - v[0, 0])
 
 
 def scenario(restitution: float, reading: str) -> GougeScenario:
-    """Scenario with this damping."""
+    """Scenario whose damping has a given restitution, in one reading of the paper."""
     law = {"restitution": restitution, "reading": reading, "size": SIZE, "speed": SPEED}
     return ss.scenario(experiment="gouge", law=law, protocol=[{"kind": "slide", "velocity": 0.1, "slip": 1.0}])
 

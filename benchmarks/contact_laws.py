@@ -53,7 +53,7 @@ def ratio(state: ss.State, one: ss.Law, other: ss.Law, steps: int = STEPS) -> fl
 
 
 def cases():
-    """Names and sizes of all cases: law, side of the cube of spheres, name of the reference, law, reference."""
+    """Yield all cases: name of the law, side of the cube of spheres, name of the reference, law, and reference law."""
     own = {"normal_force": normal_force, "tangential_stiffness": tangential_stiffness}
     rolls = {"rolling_stiffness": rolling_stiffness, "rolling_cap": rolling_cap}
     plain, damped = ss.laws.hertz_mindlin(**HERTZ), ss.laws.hertz_mindlin(**HERTZ, damping_n=0.1, damping_t=0.1)

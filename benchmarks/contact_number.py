@@ -22,13 +22,13 @@ def sample(dim: int, mu: float, seed: int, pressure: float = PRESSURE, **options
 
 
 def excess(info, dim: int, mu: float) -> float:
-    """Contact number above isostaticity: d + 1 + 2 n_m/d with n_m sliding contacts per grain; 2 d without friction."""
+    """Contact number minus the isostatic value d + 1 + 2 n_m/d for n_m sliding contacts per grain (2 d if μ = 0)."""
     held = 2 * info.contacts / info.coordination
     return info.coordination - (dim + 1 + 2 * info.sliding / held / dim if mu else 2 * dim)
 
 
 def rows(seeds: str = "3", *dims: str, smallest: bool = False):
-    """The table."""
+    """Yield the lines of the table."""
     seeds, small = 2 if smallest else int(seeds), {"n": 20} if smallest else {}
     for dim in [2] if smallest else list(map(int, dims)) or SAMPLES:
         about = SAMPLES[dim] | small

@@ -1,8 +1,9 @@
 """Status of 400 critical contacts of 3000 disks: `contact_status`, cold and warm, against slower methods.
 
-The disks fill a periodic box at packing fraction 0.83 and are relaxed with friction 0.2 by two seconds of damped
-dynamics. They are then also in balance with friction 0.5, without contacts at the limit. Critical contacts and their
-sliding directions are drawn at random; no disk has two critical contacts, and no disk with one has only two contacts.
+The disks fill a periodic box at packing fraction 0.83 and are relaxed with friction 0.2 by damped dynamics, which takes
+two seconds. They are then also in balance with friction 0.5, without contacts at the limit. Critical contacts and their
+sliding directions are drawn at random; no disk has two critical contacts, and disks with one have at least three
+contacts.
 """
 
 import time
@@ -61,7 +62,7 @@ def shear_load(state, matrix: LinearSystem) -> np.ndarray:
 
 
 def flip_and_solve(matrix: LinearSystem, load, critical, sliding) -> tuple[np.ndarray, int]:
-    """Find sliding contacts with SciPy's `spsolve`, flipping all inconsistent contacts; return rounds as well."""
+    """Find sliding contacts by flipping all inconsistent contacts after each `spsolve`; also return the rounds."""
     kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
     sliding, v = sliding.copy(), np.zeros(len(load))
     for turn in range(1, 60):
@@ -100,7 +101,7 @@ def time_call(call) -> tuple:
 
 
 def rows(*, smallest: bool = False) -> list[dict]:
-    """All rows: the best of several rounds with alternating methods, on one thread."""
+    """Return all rows, with the best times of several rounds in which methods alternate, on one thread."""
     made, matrix, critical, load = problem(*((100, 5) if smallest else (DISKS, CRITICAL)))
     all_slide = np.isin(np.arange(matrix.count), critical)
     truth = contact_status(matrix, load, critical=critical)
@@ -143,7 +144,7 @@ def table(best: dict, made: float, contacts: int, truth) -> list[dict]:
 
 
 def row(case: str, ours: float, peer: float | None, name: str, over: bool = True) -> dict:
-    """One row of the table."""
+    """Row of the benchmark for one case."""
     ratio = (peer / ours if over else ours / peer) if peer else None
     return {
         "case": case, "n": DISKS, "threads": 1, "ours": ours, "peer": peer, "peer_name": name, "ratio": ratio,

@@ -82,7 +82,7 @@ def own_rate(leg: Leg) -> float:
 
 
 def rows(rounds: str = "3", *, smallest: bool = False):
-    """The comparison."""
+    """Yield the rows that compare the device with the engine."""
     try:
         device, cores = open_device("cuda"), default_workers()
     except (MissingExtraError, RuntimeError) as problem:

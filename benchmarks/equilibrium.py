@@ -4,7 +4,8 @@
 
 Packings of 15 to 60 disks and spheres are jammed without friction and then sheared quasi-statically with friction, with
 smooth and sharp laws and friction coefficients of 0.3 and 10. For the first table, grains are moved at random. For the
-second, slips are removed, also for 500 disks. For the third, positions and slips are rounded as in text files.
+second, slips are removed, also from packings of 500 disks. For the third, positions and slips are rounded as in text
+files.
 """
 
 import itertools
@@ -22,7 +23,7 @@ DIGITS = (6, 7, 8, 10)
 
 
 def packings(seconds: float, sizes=(15, 61), strains=(-5, -2), dims=(2, 3)):
-    """Yield packings at rest under friction, with their laws, for a number of seconds; `strains` are log10."""
+    """Yield packings at rest under friction, with their laws, for some seconds; `strains` are limits of log10 γ."""
     rng, end, seed = np.random.default_rng(0), time.monotonic() + seconds, 0
     while time.monotonic() < end:
         seed += 1

@@ -1,4 +1,4 @@
-"""Fastest pair of large packings: processor time, and checks against dense spectra and runs.
+"""Fastest-growing pair of large packings: processor time, and checks against dense spectra and runs.
 
     python -m benchmarks fastest_pair [1000] [4000] [10000] [100000] [crystal]
 
@@ -6,8 +6,9 @@ Sheared packings have 1000, 4000 and 10,000 spheres, or 100,000 spheres as ten s
 which factors do not fit into memory. The time of a quasi-static strain step is measured as well. The engine then runs
 for one e-folding time, starting on the mode found.
 
-`crystal` consists of 10,000 spheres as 200 copies of a small cell, searched without factors, as 100,000 spheres are. By
-Bloch's theorem, their spectrum is that of 200 small matrices, A(k) = Σ_R A_0R exp(ik·R), which LAPACK computes in full.
+`crystal` consists of 10,000 spheres in 200 copies of a small cell. Like 100,000 spheres, it is searched without
+factors. By Bloch's theorem, its spectrum is that of 200 small matrices, A(k) = Σ_R A_0R exp(ik·R), which LAPACK
+computes in full.
 """
 
 import resource
@@ -32,7 +33,7 @@ BUDGETS = {10_000: 120.0, 100_000: 3600.0}  # seconds
 
 
 def tiled(state, times):
-    """Return side-by-side copies of a periodic packing as one packing, counted with the last axis first."""
+    """Return side-by-side copies of a periodic packing as one packing; numbers grow fastest along the last axis."""
     times, contacts, rows = np.array(times), state.contacts, ss.measure.touching(state)
     cells = np.stack(np.meshgrid(*map(np.arange, times), indexing="ij"), -1).reshape(-1, 3)
     count, n = len(cells), len(state.grains.radius)
@@ -66,7 +67,7 @@ def bloch_spectrum(matrix, times) -> np.ndarray:
 
 
 def growth_in_a_run(state, found) -> float:
-    """Growth rate in a run of the engine from the mode, over an e-folding time of whole periods [1/time]."""
+    """Growth rate in a run of the engine from the mode, over whole periods of about one e-folding time [1/time]."""
     s, size = found.growth_rate - 1j * found.frequency, 1e-6 / np.abs(found.mode).max()
     start = displaced(moving(state, found.free, (s * size * found.mode).real), found.free, (size * found.mode).real)
     duration = max(1, round(found.frequency / found.growth_rate / (2 * np.pi))) * 2 * np.pi / found.frequency
@@ -81,7 +82,7 @@ def growth_in_a_run(state, found) -> float:
 
 
 def searched(state, **options):
-    """Fastest pair, and processor seconds."""
+    """Fastest-growing pair of a state, and processor seconds of the search."""
     with one_thread():
         start = time.process_time()
         found = fastest_pair(state, LAW, **options)
@@ -108,7 +109,7 @@ def times(n: int):
 
 
 def crystal(smallest: bool):
-    """Ten thousand spheres with known eigenvalues."""
+    """Yield the rows for ten thousand spheres whose eigenvalues are known."""
     copies = (2, 2, 1) if smallest else (10, 5, 4)
     cell, protocol = jammed(30 if smallest else 50, packing_fraction=0.68, seed=0)[0], aqs(LAW)
     with warnings.catch_warnings():

@@ -4,7 +4,7 @@
 
 The benchmark problem BP1-QD with cells of 100 m is run for 280 years with our stepper and with `scipy.integrate`
 (RK23, RK45, DOP853, LSODA), all with the same compiled rates and one thread. Our stepper is also DOP853, but with
-compiled stages and a step size that depends on the previous error, too. Tolerances of SciPy's solvers are absolute and
+compiled stages and a step size that also depends on the previous error. Tolerances of SciPy's solvers are absolute and
 refer to the same unknowns, slip/D_c and ln θ. The error is the difference from our stepper with a tolerance of 1e-9.
 The benchmark takes a few minutes.
 """
@@ -38,7 +38,7 @@ def ours(fault, tolerance: float) -> tuple[float, float, int]:
 
 
 def scipys(fault, name: str, tolerance: float) -> tuple[float, float, int]:
-    """Likewise with a SciPy solver."""
+    """Time of the second event [s], processor time [s], and evaluations of the rates, with a SciPy solver."""
     state = initial_state(fault)
     machine, n, w = Machine(fault, state.prestress), len(fault.depth), state.log_velocity.copy()
     out, power = np.empty((2, n)), np.empty(3)

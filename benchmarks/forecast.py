@@ -4,8 +4,8 @@
 
 Packings of 30 disks are sheared, and each forecast along the path is compared with the next event or pair. Naive
 forecasts assume that the next event, or pair, comes after the mean spacing of the previous ones, or after the last
-spacing; they require two earlier ones. TIMES multiplies the number of packings. `calibrate` instead prints the
-quantiles of `loading.event_path.CALIBRATED`, from other packings. Saddle nodes of the reference catalogue, whose
+spacing; they require two earlier events or pairs. TIMES multiplies the number of packings. `calibrate` instead prints
+the quantiles of `loading.event_path.CALIBRATED`, from other packings. Saddle nodes of the reference catalogue, whose
 eigenvalues are known at small distances, are used as well. The benchmark takes minutes.
 """
 
@@ -55,7 +55,7 @@ class Made(NamedTuple):
     came: float  # true remaining strain; infinite if nothing came before the end of the path
     rest: float  # strain to the end of the path
     mean: float  # forecast from the mean spacing; NaN with fewer than two earlier events
-    last: float  # forecast from the last spacing; likewise
+    last: float  # forecast from the last spacing; NaN likewise
     raw: float  # extrapolated remaining strain
 
 
@@ -99,20 +99,20 @@ def path(case: Case, seed: int, strain: float) -> list:
 
 
 class Judged(NamedTuple):
-    """Record of the forecasts of one basis."""
+    """Record of the forecasts that have the same basis."""
 
     made: int
     came: int  # number of forecasts whose event came before the end of the path
     inside: int  # number of those whose interval contains the event
     error: float  # median |ln(forecast/true)| of the remaining strain, where the event came
     several: int  # number of forecasts with two earlier events
-    beside: float  # median error of these
-    mean: float  # median error of the mean spacing
-    last: float  # median error of the last spacing
+    beside: float  # median error of these forecasts
+    mean: float  # median error if the mean spacing is the forecast
+    last: float  # median error if the last spacing is the forecast
 
 
 def judge(made: list[Made]) -> Judged:
-    """Judge a number of forecasts."""
+    """Compare a number of forecasts with their outcomes."""
     came = [one for one in made if np.isfinite(one.came)]
     several = [one for one in came if np.isfinite(one.mean)]
 
@@ -178,7 +178,7 @@ HEAD = ("law", "from", "forecasts", "event came", "in the interval", "error", "w
 
 
 def forecasts_of(first: int, times: int, smallest: bool) -> dict[str, list[Made]]:
-    """Forecasts in packings with seeds from a first one, by law."""
+    """Forecasts, by law, in packings whose seeds begin at `first`."""
     out = {}
     for name, case in list(CASES.items())[: 1 if smallest else None]:
         seeds = range(first, first + (1 if smallest else times * case.packings))

@@ -52,7 +52,7 @@ def model(legs, spring: float, values) -> np.ndarray:
 
 
 def errors(legs, spring: float, noise: tuple[float, float]) -> np.ndarray:
-    """Covariance of ln a, ln b, ln D_c and mu0 for a mean over `SAMPLES`."""
+    """Covariance of ln a, ln b, ln D_c and mu0 for the mean of `SAMPLES` samples."""
     middle, step = np.array([np.log(A), np.log(B), np.log(DC), 0.4]), 1e-3
     shifts = step * np.eye(4)
     columns = [(model(legs, spring, middle + d) - model(legs, spring, middle - d)) / (2 * step) for d in shifts]

@@ -4,9 +4,9 @@
     python -m benchmarks hold_energy --steps        # holds of 20 ms with time steps from 5e-8 to 4e-7 s
     python -m benchmarks hold_energy --lammps       # holds of 0.1 s of one scenario with stickslip and with LAMMPS
 
-One sample of 300 mobile grains slides at 0.03 m/s with γ_n = 1e4 1/(m s) and the plain tangential law. Starting from
-several of its states, the load point is held, with the law, damping and time step of each row. Energies are means over
-these states, in units of the elastic energy of the contacts at the start of the hold.
+One sample of 300 mobile grains slides at 0.03 m/s with γ_n = 1e4 1/(m s) and the plain tangential law. Holds start from
+several of its states, with the law, damping and time step of each row. Energies are means over these states, in units
+of the elastic energy of the contacts at the start of the hold.
 """
 
 from itertools import product
@@ -106,7 +106,7 @@ def compare_engines():
 
 
 def rows(*words: str, smallest: bool = False):
-    """The requested table."""
+    """Yield the lines of the requested table."""
     if smallest:
         starts = places(base(grains={"number": 40}, cell={"length": 0.017}, preparation={"slip": 0.01}))
         yield from holds([("plain", 1e4, STEPS[0])], starts[:1], seconds=1e-4, ledger=True)

@@ -1,4 +1,4 @@
-"""Inflated grains compared with elasticity, without fitted parameters, and models preferred by fits.
+"""Inflated grains compared with elasticity without fitted parameters, and models that fits of displacements prefer.
 
 python -m benchmarks inclusions [DISKS]
 
@@ -37,7 +37,7 @@ def sheared(disks: int, fraction: float):
 
 
 def describe(field) -> str:
-    """Amplitude over the one that follows from the moduli, κ_e², and the preferred model."""
+    """Text with the ratio of the amplitude to that from the moduli, κ_e², and the preferred model."""
     fits = field.fit()
     elastic, dipole = fits.models[:2]
     lame = np.mean(field.lame)
@@ -48,7 +48,7 @@ def describe(field) -> str:
 
 
 def rows(disks: str = "1000", *, smallest: bool = False):
-    """All rows."""
+    """Yield all rows of lattices and packings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield from _rows(100 if smallest else int(disks), smallest)

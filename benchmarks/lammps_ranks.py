@@ -24,7 +24,7 @@ class Speed(NamedTuple):
 
 
 def speed(log: str) -> Speed:
-    """Speed of the longest run in a LAMMPS log; ValueError if there is none."""
+    """Speed of the longest run in a LAMMPS log; raise ValueError if there is none."""
     found = [(float(s), int(p), int(steps), int(n)) for s, p, steps, n in LOOP.findall(log)]
     if not found:
         raise ValueError("the log contains no line with a loop time")

@@ -4,8 +4,8 @@
     python -m benchmarks load_paths --slow 20      # the first 20 samples of 60 disks, compared with slow dynamics
 
 A sample is a box of disks, with or without its rattlers. The force on one wall grows to three times its initial value
-or falls to a tenth. Ends agree if they differ by at most 1 %. If ends do not agree, at least one path must have
-reported other consistent choices, or that it is undecided.
+or falls to a tenth of it. Ends agree if their loads differ by at most 1 %. If ends do not agree, at least one path must
+have reported that other choices are consistent as well, or that it is undecided.
 """
 
 import time
@@ -27,7 +27,7 @@ SIZES = {60: 20, 100: 14, 200: 10, 400: 6}  # number of samples of each size
 FIRST_SEED = 101  # seeds from here on are not used by any test
 AGREE = 0.01  # largest relative difference between ends that agree
 PRESSURE = 1e-4
-TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of the whole load, drag, end of runs over the end of the path
+TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of the whole load, drag, last load over that of the path
 BURST, ALIKE, BEFORE = 30.0, 0.5, 10  # kinetic energy over its median, and over the faster run's; steps in a median
 ASTRAY = 0.02  # distance of the wall from the path, over its last shift, that cannot be a lag of the dynamics
 
@@ -121,7 +121,7 @@ def shift(states, sample: Sample) -> np.ndarray:
 
 
 def slow_end(sample: Sample, state: State, law, end: Control, path: LoadPath) -> float | None:
-    """Load at which slow dynamics collapses; None if it does not up to 1.3 times the last load of the path.
+    """Load at which slow dynamics collapses; None without a collapse up to 1.3 times the last load of the path.
 
     The kinetic energy of slow motion scales as the square of the rate. A load step is a burst if the slower of two runs
     has more than half of the kinetic energy of the faster run, and thirty times its own median. A burst is a collapse
@@ -169,7 +169,7 @@ def compare_with_dynamics(some: list[Sample]):
 
 
 def summary(results: list[list[PathEnd]]):
-    """Numbers of samples that agree, and of samples that report an alternative."""
+    """Numbers of samples whose ends agree, and of samples that report an alternative."""
     same = [agree(ends) for ends in results]
     reported = [any(one.forks or one.undecided for one in ends) for ends in results]
     neither = sum(not a and not t for a, t in zip(same, reported, strict=True))

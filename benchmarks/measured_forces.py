@@ -13,7 +13,7 @@ import stickslip as ss
 from stickslip.core.contacts.jacobian import linearise
 
 LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.3)
-ERRORS = ((1e-2, 0.1), (1e-2, 1e-2), (1e-3, 1e-2), (1e-4, 1e-3))  # of positions [radii] and of forces [mean forces]
+ERRORS = ((1e-2, 0.1), (1e-2, 1e-2), (1e-3, 1e-2), (1e-4, 1e-3))  # errors of positions [radii] and forces [mean forces]
 PACKINGS, DRAWS, DISKS = 10, 4, 40
 
 

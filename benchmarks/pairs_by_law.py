@@ -4,7 +4,7 @@
     python -m benchmarks pairs_by_law results/pairs     # writes births.csv, and the output of --draw
     python -m benchmarks pairs_by_law --draw            # the figure, the table and the summary, from births.csv
 
-Every packing is in `docs/reference/pairs/births.csv`.
+`docs/reference/pairs/births.csv` contains the results of every packing.
 """
 
 import csv
@@ -68,7 +68,7 @@ def write_summary(found: list[Births]) -> None:
 
 
 def table(found: list[Births]) -> str:
-    """Format the table of the page."""
+    """Format the table for the documentation."""
     head = "| law | sources | packings with a pair | strain of the first pair | contact at the limit at its birth "
     head += "| largest F_t/(μ F_n) | pairs at 0.02 |\n|---|---|---|---|---|---|---|\n"
     return head + "".join(_row(one) for one in found)

@@ -1,4 +1,4 @@
-"""Pictures of the documentation, with fewer pixels and colours than other figures, and with type of a single size."""
+"""Pictures of the documentation, with fewer pixels and colours than other figures, and with text of a single size."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from PIL import Image
 
 from stickslip.figures.style import save
 
-SHRINK, COLORS = 0.7, 256  # from 300 dots per inch
+SHRINK, COLORS = 0.7, 256  # scale of figures with 300 dots per inch, and number of colours
 
 
 def save_picture(figure, path: Path) -> Path:

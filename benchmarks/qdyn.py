@@ -57,7 +57,7 @@ OURS = "import sys; from benchmarks.qdyn import ours; print(*ours(sys.argv[1], i
 
 
 def ours(name: str, cells: int, tolerance: float) -> tuple[float, float, float]:
-    """Start of the second event and time until the third [years], and slip of the third at one place [m]."""
+    """Start of the second event and time until the third [years], and slip of the third event at one place [m]."""
     from stickslip import friction
 
     problem = PROBLEMS[name]
@@ -100,7 +100,7 @@ def _stations(place: float, cells: int) -> set[int]:
 
 
 def read_output(folder: Path) -> tuple[float, float, float]:
-    """Likewise for QDYN, from its series of the largest velocity and of slip at the place."""
+    """Same numbers as from `ours`, from QDYN's series of the largest velocity and of slip at the place."""
     time, velocity = np.loadtxt(folder / "output_vmax", usecols=(0, 2)).T
     slip = np.mean([np.loadtxt(path, usecols=7) for path in folder.glob("output_ot_*")], axis=0)
     fast = velocity >= THRESHOLD

@@ -4,7 +4,7 @@
 
 Packings are jammed without friction and sheared by 1e-3 in ten steps with a friction coefficient of 0.5. Packings of
 10,000 spheres are sheared by 1.6e-4 in eight steps, because a step with rearrangements takes minutes. The steps that
-follow are timed. Contacts slide, open and close in every step; in some, grains that become loose rearrange.
+follow are timed. Contacts slide, open and close in every step; in some steps, grains that become loose rearrange.
 """
 
 import os
@@ -24,7 +24,7 @@ from .spheres import STORE, row
 
 LAW = ss.laws.hertz_mindlin(mu=0.5)
 FRACTION, TOLERANCE = 0.66, 5e-14
-PREPARING, LARGE_PREPARING = (1e-4, 10), (2e-5, 8)  # size and number of steps before timing; for 10,000 spheres
+PREPARING, LARGE_PREPARING = (1e-4, 10), (2e-5, 8)  # size and number of steps before timing, also for 10,000 spheres
 BUDGETS = {(1000, 2e-5): 0.1, (1000, 1e-4): 0.1, (4000, 2e-5): 2.0, (4000, 1e-4): 2.0, (10_000, 2e-5): 10.0}
 
 
@@ -85,9 +85,9 @@ def robustness(count: int, packings: int = 20, n: int = 100) -> list[dict]:
 
 
 def rows(*, smallest: bool = False):
-    """All rows."""
+    """Yield all rows of timed steps and of robustness."""
     warnings.simplefilter("ignore", ss.packings.PackingWarning)
-    os.environ["OMP_NUM_THREADS"] = "1"  # else damped dynamics runs on all cores, and waiting threads count as busy
+    os.environ["OMP_NUM_THREADS"] = "1"  # otherwise damped dynamics uses all cores, and waiting threads count as busy
     if smallest:
         yield from robustness(2, packings=1, n=30)
         return

@@ -26,7 +26,7 @@ def ours(duration, velocity, times, tolerance=TOLERANCE) -> np.ndarray:
 
 
 def compiled_lsoda():
-    """Return the same function with LSODA in C++ and compiled equations as callback; may raise ImportError."""
+    """Return a function like `ours` that uses LSODA in C++ with compiled equations; may raise ImportError."""
     from numba import carray, cfunc, njit
     from numbalsoda import lsoda, lsoda_sig
 
@@ -62,7 +62,7 @@ def compiled_lsoda():
 
 
 def rows(*, smallest: bool = False):
-    """Solutions per second of both integrators, and their errors; only ours without LSODA."""
+    """Solutions per second of both integrators, and their errors; only those of ours if LSODA is not installed."""
     try:
         theirs = compiled_lsoda()
     except ImportError:

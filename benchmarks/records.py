@@ -53,7 +53,7 @@ def _code(path: Path, _modified: int) -> str:
 class _WithoutWords(ast.NodeTransformer):
     """Remove docstrings and the messages of errors, and number the local variables of functions."""
 
-    local: dict[str, str] | None = None  # of the outermost function
+    local: dict[str, str] | None = None  # new names of the local variables of the outermost function
 
     def _with_body(self, node):
         if ast.get_docstring(node, clean=False) is not None:
@@ -100,7 +100,7 @@ def _plain(node) -> str:
 
 
 def files_of(room: str, root: Path = ROOT) -> list[Path]:
-    """Files of code of a room; FileNotFoundError if there are none."""
+    """Source files of a room; raise FileNotFoundError if there are none."""
     place = root / "src" / "stickslip" / room
     files = [place] if place.is_file() else [*place.rglob("*"), place.with_name(f"{place.name}.py")]
     code = sorted(path for path in files if path.is_file() and path.suffix in CODE and ".objects" not in path.parts)
@@ -133,7 +133,7 @@ def imported(rooms, root: Path = ROOT) -> str:
 
 
 def folder(root: Path = ROOT) -> Path:
-    """Folder of the store."""
+    """Folder of the stored numbers."""
     return root / "docs" / "numbers"
 
 
@@ -149,7 +149,7 @@ def entries(record: dict) -> dict[str, dict]:
 
 
 def changed(entry: dict, root: Path = ROOT) -> list[str]:
-    """Rooms of a record or number whose measured code is different or unknown; missing rooms are marked."""
+    """Rooms whose code is unknown or has changed since a record or number was measured; missing rooms are marked."""
     out = []
     for room, known in entry["rooms"].items():
         try:
@@ -284,7 +284,7 @@ def pages(root: Path = ROOT) -> list[Path]:
 
 
 def with_numbers(text: str, records: dict[str, dict]) -> str:
-    """Text of a page with stored numbers; KeyError names a number that is not stored."""
+    """Text of a page with stored numbers; raise KeyError if a number is not stored."""
 
     def link(found: re.Match) -> str:
         _, page, name, key = found.groups()
@@ -296,7 +296,7 @@ def with_numbers(text: str, records: dict[str, dict]) -> str:
 
 
 def overview(records: dict[str, dict]) -> str:
-    """The page of all numbers."""
+    """Text of the page that lists all numbers."""
     lines = [
         "# Measured numbers",
         "",
@@ -377,7 +377,7 @@ def stale_in_readme(root: Path = ROOT) -> list[str]:
 
 
 def seconds_of(words: str) -> float:
-    """Seconds in a time such as 10m, 90s or 1.5h; ValueError for other text."""
+    """Seconds in a time such as 10m, 90s or 1.5h; raise ValueError for other text."""
     found = re.fullmatch(r"([\d.]+)([smh])", words)
     if not found:
         raise ValueError(f"the time was {words!r}: write it as in 90s, 10m or 2h")

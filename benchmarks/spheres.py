@@ -1,4 +1,4 @@
-"""Strain steps of sphere packings compared with damped dynamics, and spectra of large packings with LAPACK's."""
+"""Strain steps of sphere packings compared with damped dynamics, and spectra of large packings compared with LAPACK."""
 
 import pickle
 import time
@@ -26,7 +26,7 @@ STORE = Path("results") / "benchmark-packings"  # large packings take minutes an
 
 def packing(n: int, strain: float = 2e-4):
     """Packing at φ = 0.68, sheared slightly so that contacts carry slip."""
-    path = STORE / f"{n}-{SCHEMA}.pkl"  # depends on the layout of states
+    path = STORE / f"{n}-{SCHEMA}.pkl"  # the file depends on the layout of states
     if path.exists():
         return pickle.loads(path.read_bytes())
     state, _ = jammed(n, packing_fraction=0.68, seed=0)
@@ -79,7 +79,7 @@ def long_steps(n: int, count: int) -> list[dict]:
 
 
 def strain_steps() -> list[dict]:
-    """Newton's method, factorisation reused; the paper's drag and strong drag, N = 100, alternating, best of three."""
+    """Newton's method with reused factorisations against the paper's drag and strong drag, N = 100, best of three."""
     state = packing(100)
     run(state, LAW, 200, 0.1, drag=0.1)
     newton_steps(state, 3)
@@ -189,7 +189,7 @@ def pairs_by_size(sizes):
 
 
 def spectra(*, smallest: bool = False):
-    """Spectra of large packings: all pairs; the fastest pair has a separate benchmark."""
+    """Yield the rows for all pairs of large packings; the fastest pair has a separate benchmark."""
     yield from pairs_by_size([100] if smallest else [300, 600, 1000])
 
 
@@ -212,7 +212,7 @@ def robustness(n: int, steps: int, seeds) -> list[dict]:
 
 
 def rows(*, smallest: bool = False):
-    """All rows; `spectra` is a separate benchmark."""
+    """Yield all rows except those of `spectra`, which is a separate benchmark."""
     if smallest:
         yield from long_steps(30, 2)
         yield from robustness(30, 2, [(0, 0.68)])

@@ -15,7 +15,7 @@ ROUNDS, STEPS = 5, 400_000
 
 
 def run_python(*words: str, native: bool = False) -> str:
-    """Output of a Python process that may import LAMMPS; RuntimeError if it fails."""
+    """Output of a Python process that may import LAMMPS; raise RuntimeError if it fails."""
     run = subprocess.run([sys.executable, *words], capture_output=True, text=True, env=environment(native=native))
     if run.returncode:
         raise RuntimeError(run.stderr.strip().splitlines()[-1] if run.stderr.strip() else "no output")
@@ -23,7 +23,7 @@ def run_python(*words: str, native: bool = False) -> str:
 
 
 def rows(*, smallest: bool = False):
-    """One row per LAMMPS build; only our speed without LAMMPS."""
+    """Yield one row per LAMMPS build, or only our speed if LAMMPS is not installed."""
     sides = {"ours": "array_stickslip.py", "": "array_lammps.py", NATIVE: "array_lammps.py"}
     found, steps = {side: [] for side in sides}, str(100 if smallest else STEPS)
     for _ in range(1 if smallest else ROUNDS):

@@ -3,7 +3,7 @@
     python -m benchmarks unresolved_events        # 32 packings of the catalogue: a quarter of an hour, one process
 
 For each event, the contact or gap nearest to touching in the last stable state is found. One of its grains may almost
-float, so it is not among the grains whose eigenvalues count. The table of the page is written.
+float; it is then not among the grains whose eigenvalues count. The table of the page is written.
 """
 
 from unittest.mock import patch
@@ -49,7 +49,7 @@ def collect(parts: int = PACKINGS // PER_PART, each: int = PER_PART) -> list[tup
 
 
 def table(rows: list[tuple[EventKind, float, bool]]) -> str:
-    """Format the table of the page."""
+    """Format the table for the documentation."""
     text = "| class | events | nearest contact or gap belongs to a nearly floating grain | and is within 1e-8 |\n"
     text += "|---|---|---|---|\n"
     for kind in dict.fromkeys(kind for kind, *_ in rows):

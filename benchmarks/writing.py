@@ -1,6 +1,6 @@
 """Processor time and size of output: archive frames, movies and reports.
 
-For comparison, frames are also written with HDF5's gzip filter, alternating. Times do not include disk waits.
+For comparison, frames are also written with HDF5's gzip filter, alternating. Times do not include waiting for the disk.
 """
 
 import os
@@ -21,7 +21,7 @@ from .engine_runner import WARM, load_scene, warm_up
 
 PACKINGS = {"disks": (2, 0.86), "spheres": (3, 0.66)}
 ROUNDS, FRAMES = 5, 20
-BUDGET, LARGEST = 0.4, 120.0  # for a frame of 100,000 grains, and a movie (200 frames) or report of 10,000 [s]
+BUDGET, LARGEST = 0.4, 120.0  # for a frame of 100,000 grains, and for a movie (200 frames) or report of 10,000 [s]
 
 
 def packing(kind: str, n: int):
@@ -94,7 +94,7 @@ def _command_seconds(*words: str) -> float:
 
 
 def row(case: str, n: int, ours: float, peer: float | None, peer_name: str, unit: str = "s") -> dict:
-    """One row of the table."""
+    """Row of the benchmark for one case."""
     return {
         "case": case, "n": n, "threads": 1, "ours": ours, "peer": peer, "peer_name": peer_name,
         "ratio": ours / peer if peer else None, "unit": unit,
@@ -102,7 +102,7 @@ def row(case: str, n: int, ours: float, peer: float | None, peer_name: str, unit
 
 
 def rows(*, smallest: bool = False):
-    """All rows."""
+    """Yield the rows of all kinds and sizes."""
     for kind in PACKINGS:
         yield from frames(kind, 100 if smallest else 100_000)
     for kind in () if smallest else PACKINGS:

@@ -1,8 +1,8 @@
 """`make platforms`: compile the core for every platform with a wheel, and compare the functions in the libraries.
 
-The compiler of the package `ziglang` builds for Linux, macOS and Windows on any of them. A function that a library
-lacks, such as one that is visible on Linux alone, would otherwise be noticed only when somebody uses it there. Nothing
-built here is installed: hosted CI builds and tests the wheels on their own platforms.
+The compiler of the package `ziglang` builds for Linux, macOS and Windows on any of these systems. A function that is
+missing from a library, such as one that is visible on Linux alone, would otherwise be noticed only when somebody calls
+it. Nothing built here is installed: hosted CI builds and tests the wheels on their own platforms.
 """
 
 import subprocess

@@ -4,10 +4,10 @@ The version must be the same in the package, CITATION.cff, .zenodo.json, the con
 is built from the unpacked sdist by the compiler of the package `ziglang`, so that it runs on old systems as well.
 `twine check --strict` checks both, and on Linux `auditwheel` confirms the tag of the wheel. `stickslip doctor` runs in
 two new environments without a compiler: with the newest dependencies, and with the oldest that pyproject.toml allows.
-`--repository URL` names the address of the repository, which then appears in the metadata, the README's links and
-badges, CITATION.cff, .zenodo.json and the conda recipe of what is built; the sources have none. The
+`--repository URL` gives the address of the repository, which the sources do not contain. It is written to the metadata,
+the README's links and badges, CITATION.cff, .zenodo.json and the conda recipe of the built distributions. The
 documentation takes its links to the repository, Binder and Colab from the metadata. A number in the README that is
-older than the code stops a release.
+older than the code on which it depends stops a release.
 """
 
 import argparse
@@ -65,7 +65,7 @@ def _find(pattern: str, path: Path) -> str:
 
 
 def run(*words, cwd: Path = ROOT, **variables: str) -> None:
-    """Print and run a command with these environment variables; SystemExit with its exit status if it fails."""
+    """Print and run a command with these environment variables; if it fails, raise SystemExit with its exit status."""
     print("$", *words, flush=True)
     if code := subprocess.run([*map(str, words)], cwd=cwd, env=os.environ | variables).returncode:
         raise SystemExit(code)
@@ -80,7 +80,7 @@ def environment(place: Path, *packages) -> Path:
 
 
 def tools(place: Path) -> Path:
-    """Create an environment with the pinned tools of a release, among them a compiler."""
+    """Create an environment with the pinned tools for a release, including a compiler."""
     locks = (ROOT / f"requirements-{name}.lock" for name in ("release", "compiler"))
     return environment(place, "--require-hashes", *(word for lock in locks for word in ("-r", lock)))
 
@@ -94,7 +94,7 @@ def oldest() -> list[str]:
 def urls(address: str) -> dict[str, str]:
     """Addresses that follow from the address of the repository, by their names in `[project.urls]`.
 
-    Binder and Colab open the notebook for a lecture hour; Colab only from GitHub.
+    Binder and Colab open the notebook for a lecture hour; Colab does so only for repositories on GitHub.
     """
     address, version, note = address.rstrip("/"), f"v{package_version()}", "examples/lecture.ipynb"
     found = {
@@ -166,7 +166,7 @@ def build(python: Path, address: str | None = None) -> list[Path]:
 
 
 def check(programs: Path, folder: Path, sdist: Path, wheel: Path) -> None:
-    """Check descriptions, metadata and the tag, and run the self-check in two new environments without a compiler."""
+    """Check both distributions, and run `stickslip doctor` in two new environments without a compiler."""
     run(programs / "python", "-m", "twine", "check", "--strict", sdist, wheel)
     if sys.platform == "linux":
         run(programs / "auditwheel", "show", wheel)

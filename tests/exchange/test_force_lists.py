@@ -268,7 +268,7 @@ def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tm
             np.array([[1, 30, 0.1, 0], [2, 3, 0.1, 0]]), ("x,y,r", "i,j,fn,ft"),
         ),
         ("third contains flags", grains, flags, ("", "")),
-        ("contacts of .* pull by more than errors explain, at most that of grains", grains, pulls, ("", "")),
+        ("contacts of .* pull by more than errors explain, the contact of grains", grains, pulls, ("", "")),
         ("check the order of the columns", grains, swapped, ("", "")),
         ("frames 1 and contacts.txt has 7", grains, other, ("", "")),
         ("7 columns without names: 3", grains[:, [0, *range(6)]], contacts, ("", "")),

@@ -669,7 +669,7 @@ def test_the_parts_of_a_restart_file_are_one_packing(cases, tmp_path):
     base, first = cases / "parts" / "parts.base.restart", cases / "parts" / "parts.0.restart"
     for names, told in (
         ([base, first], "lacks its part parts.1.restart: copy all parts, or write the restart file without %"),
-        ([first], "is one part of a restart file: the others and the one named base are needed"),
+        ([first], "is one part of a restart file: give the file named base, beside all its parts"),
         ([base, first, first], "is damaged|with a contact of a missing grain"),
     ):
         folder = tmp_path / str(len(names))

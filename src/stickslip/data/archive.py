@@ -1,18 +1,18 @@
 """HDF5 archives: scenario text, versions, and a tree of arrays, strings, states and results.
 
 States, results and nested containers are converted to and from a tree of nodes, which files can store. A node has
-attributes and either arrays and strings, or other nodes by name. The class of a NamedTuple or enum is the attribute
-`noun`, that of a tuple or list `sequence`, and that of the keys of a dictionary `keys`. Contact lists are stored
-without unused capacity, but with all of their memory.
+attributes and either arrays and strings, or other nodes by name. The attribute `noun` is the class of a NamedTuple or
+enum, `sequence` is the class of a tuple or list, and `keys` is the class of the keys of a dictionary. Contact lists
+are stored without unused capacity, but with all of their memory.
 
-Schema 5. Groups, datasets and their attributes are this tree. The root has the attributes `schema`, `stickslip` and
-`versions` (of the software that computed the data) and `scenario` (canonical text), but no time stamps or host names.
-Entries are written in order of name, so that the bytes do not depend on whether a part was computed or read. Large
-arrays are stored with the filters shuffle and gzip, which every HDF5 library has.
+This is schema 5. The groups, datasets and attributes of a file form this tree. The root has the attributes `schema`,
+`stickslip` and `versions` (of the software that computed the data) and `scenario` (canonical text), but no time stamps
+or host names. Entries are written in the order of their names, so that the bytes do not depend on whether a part was
+computed or read. Large arrays are stored with the filters shuffle and gzip, which every HDF5 library has.
 
 A file is assembled in memory, written to a temporary file and renamed, so an interrupted write or a full disk
-leaves the previous file unchanged. It begins with a block of text that HDF5 skips and that holds a checksum of the
-rest, because HDF5 itself may hang on a damaged file.
+leaves the previous file unchanged. The file begins with a block of text that HDF5 skips. This block holds a checksum of
+the remaining bytes, because HDF5 itself may hang on a damaged file.
 """
 
 import hashlib
@@ -46,7 +46,7 @@ _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Bonds, Law)
 _LENGTH = struct.Struct("<Q")  # length of the outline of a tree [bytes]
 
 
-# exceptions that damaged files cause in HDF5, JSON and NumPy, and when objects are rebuilt
+# exceptions raised for damaged files by HDF5, JSON and NumPy, and while objects are rebuilt
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
 
@@ -56,7 +56,7 @@ class ArchiveError(SentenceError):
 
 @contextmanager
 def refuse_damage(path, kind: str, remedy: str) -> Iterator[None]:
-    """Raise ArchiveError for any error caused by a damaged file."""
+    """Context in which every error caused by a damaged file becomes an ArchiveError."""
     try:
         yield
     except ArchiveError:
@@ -67,14 +67,14 @@ def refuse_damage(path, kind: str, remedy: str) -> Iterator[None]:
 
 
 class Node(NamedTuple):
-    """A group of nodes, or an array; text is an array of strings."""
+    """A group of named nodes, or an array; text is stored as an array of strings."""
 
     attrs: dict[str, str]
     content: "dict[str, Node] | np.ndarray | None"
 
 
 def make_node(value, units: Units | None = None, unit: str | None = None) -> Node:
-    """Node of a value; arrays with a known unit have the attribute `units`."""
+    """Node that stores a value; arrays with a known unit have the attribute `units`."""
     if isinstance(value, Contacts):
         value = trimmed(value)
     if isinstance(value, Enum):
@@ -91,7 +91,7 @@ def make_node(value, units: Units | None = None, unit: str | None = None) -> Nod
         known = value.units if isinstance(value, Fields) else dict.fromkeys(named, unit)
         content = {key: make_node(item, units, known.get(key)) for key, item in sorted(named.items())}
         return Node({"keys": type(numbers[0]).__name__} if numbers else {}, content)
-    if isinstance(value, tuple | list) and {*map(type, value)} not in ({float}, {int}):  # others are one array
+    if isinstance(value, tuple | list) and {*map(type, value)} not in ({float}, {int}):  # else one array of numbers
         content = {f"{k:06d}": make_node(item, units, unit) for k, item in enumerate(value)}
         return Node({"sequence": type(value).__name__}, content)
     if value is None:
@@ -137,7 +137,7 @@ def _classes_of_fields(noun: type) -> tuple[type, ...]:
 
 
 def restore(node: Node, known: dict[str, type]):
-    """Value of a node; unknown classes become dictionaries and strings."""
+    """Value stored in a node; instances of unknown classes become dictionaries or strings."""
     noun = known.get(node.attrs.get("noun", ""))
     if not isinstance(node.content, dict):
         value = node.content
@@ -191,7 +191,7 @@ def to_bytes(node: Node) -> bytes:
 
 
 def from_bytes(data: bytes) -> Node:
-    """Tree of nodes from its bytes."""
+    """Rebuild a tree of nodes from its bytes."""
     reader = Reader(data)
 
     def rebuilt(attrs, content, *shape) -> Node:
@@ -203,7 +203,7 @@ def from_bytes(data: bytes) -> Node:
 
 
 def archive_fields(record) -> Fields:
-    """Return the fields of a NamedTuple for an archive: None is omitted, and tuples of strings become lines."""
+    """Return the fields of a NamedTuple for an archive, without those that are None; tuples of strings become lines."""
     out = {}
     for name, value in record._asdict().items():
         if value is None:
@@ -216,7 +216,7 @@ def archive_fields(record) -> Fields:
 
 
 def with_fields(noun: type, fields: dict):
-    """NamedTuple with given fields, which may come from a file of an earlier version.
+    """NamedTuple with the given fields, which may come from a file of an earlier version.
 
     Up to archive schema 4 and GSD schema 1, the skin of contacts was an array whose second entry was the gap, infinite
     positions marked a stale list, and a law without rolling memory had an array without rows. Early versions did not
@@ -238,8 +238,8 @@ REMEDY = "give the results.h5 of a run"
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _VERSIONS = ("numpy", "scipy", "h5py")
 _FILTERS = {"compression": "gzip", "shuffle": True}  # filters of datasets with more than 1000 numbers
-_LONG, _CHUNK = 2**16, 2**19  # smallest size of a column that has separate chunks, and largest size of a chunk [bytes]
-_SAMPLE, _WORTH = 2048, 0.5  # sample of a plane [bytes], and largest ratio at which compression is worthwhile
+_LONG, _CHUNK = 2**16, 2**19  # smallest column that is stored in chunks, and largest chunk [bytes]
+_SAMPLE, _WORTH = 2048, 0.5  # size of a sample of a plane [bytes], and largest compressed fraction that is worthwhile
 
 
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", units: Units | None = None) -> None:
@@ -248,7 +248,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     Parameters
     ----------
     tree : nested dictionaries of arrays, numbers, strings, None, and tuples and NamedTuples of these, including states
-    scenario : canonical text
+    scenario : canonical text of the scenario
     version : version of the package that computed the tree
     units : units named in the attribute `units` of datasets; without them, the attribute gives dimensions
 
@@ -280,7 +280,7 @@ def _checksum_block(image: bytes) -> bytes:
 
 @cache
 def versions() -> str:
-    """Versions of the software on which numbers may depend.
+    """Versions of the software that may affect the numbers in results.
 
     Cached, because looking them up takes as long as a write.
     """
@@ -296,7 +296,7 @@ def read(path: str | Path, *, nouns: Iterable[type] = (), remedy: str = REMEDY) 
     Parameters
     ----------
     nouns : classes of other NamedTuples and enums to restore; all others are returned as dictionaries and strings
-    remedy : advice if the file is not an archive: the inputs that the caller accepts
+    remedy : advice if the file is not an archive, such as the inputs that the caller accepts
 
     Raises
     ------
@@ -310,7 +310,7 @@ def read(path: str | Path, *, nouns: Iterable[type] = (), remedy: str = REMEDY) 
 
 
 def units(path: str | Path) -> dict[str, str]:
-    """Units of the datasets of an archive, keyed by path; errors as in `read`."""
+    """Units of the datasets of an archive, keyed by path; errors are those of `read`."""
     unit_of = {}
     with _open(path) as file:
         file.visititems(lambda name, item: unit_of.update({name: item.attrs["units"]} if "units" in item.attrs else {}))
@@ -318,7 +318,7 @@ def units(path: str | Path) -> dict[str, str]:
 
 
 def named_units(path: str | Path) -> Units | None:
-    """Units passed to `write`; None if they are not named. Errors as in `read`."""
+    """Units passed to `write`; None if the file does not name any. Errors are those of `read`."""
     with _open(path) as file:
         return units_from(file.attrs["units"], int(file.attrs["dim"])) if "units" in file.attrs else None
 
@@ -342,7 +342,7 @@ def _open(path, remedy: str = REMEDY):
             digest = hashlib.file_digest(content, "sha256").hexdigest().encode()
         if block[len(_HEADER) :].strip() != digest:
             raise ArchiveError(
-                f"{path} is damaged or was modified (its checksum does not match): restore a copy, or run it again"
+                f"{path} is damaged or was modified (its checksum does not match): restore a copy, or repeat the run"
             )
         with h5py.File(path) as file:
             if not OLDEST <= (schema := file.attrs.get("schema")) <= SCHEMA:
@@ -402,14 +402,14 @@ def _compress_planes(planes: np.ndarray) -> bytes:
 
 
 def _is_compressible(plane: np.ndarray) -> bool:
-    """Return True if a sample of a plane, from its middle, shrinks enough."""
+    """Return True if compression makes a sample from the middle of a plane small enough."""
     start = max(0, (len(plane) - _SAMPLE) // 2)
     sample, packer = plane[start : start + _SAMPLE], _packer(level=1)
     return len(packer.compress(sample) + packer.flush()) <= _WORTH * len(sample)
 
 
 def _packer(level: int):
-    """Compressor for a part of a zlib stream; level 0 stores. It looks only for repeated bytes, which is fast."""
+    """Fast compressor for part of a zlib stream, which finds only repeated bytes; level 0 stores them uncompressed."""
     return zlib.compressobj(level, zlib.DEFLATED, -zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
 
 

@@ -31,7 +31,7 @@ _FRAME = struct.Struct("<IHQ")  # checksum of the rest, length of the name, leng
 
 
 class Record(NamedTuple):
-    """Location of a record."""
+    """Location of a record in a file of pieces."""
 
     path: Path
     start: int
@@ -45,7 +45,7 @@ class Record(NamedTuple):
 
 
 class Index:
-    """Records of a file by name, as far as it has been read, and the owner of the file."""
+    """Records that have been read from a file so far, by name, and the owner of the file."""
 
     def __init__(self, first: bytes):
         self.first, self.end = first, 0
@@ -68,7 +68,7 @@ def append_record(folder: Path, name: str, content: bytes, about: dict) -> None:
 
     Parameters
     ----------
-    about : owner of the folder, for the first record
+    about : description of the owner of the folder, written to the first record of a new file
     """
     key = os.getpid(), folder
     path = _OWN.setdefault(key, folder / f"{os.urandom(8).hex()}{SUFFIX}")
@@ -93,20 +93,20 @@ def _to_frame(name: str, content: bytes) -> bytes:
 
 
 OTHER_VERSION = "resume with that version, or restart with --overwrite"
-_PART = "part-"  # followed by a digest: scenario of a part of the run
+_PART = "part-"  # prefix, followed by a digest, of the file with the scenario of a part of the run
 
 
 class Checkpoint(NamedTuple):
-    """Location of the pieces of a run, or of one of its parts."""
+    """Location of the saved pieces of a run, or of one of its parts."""
 
     run: Path  # folder of the run
     scenario: str  # canonical text
-    nouns: tuple[type, ...] = ()  # classes of the NamedTuples and enums in its pieces
+    nouns: tuple[type, ...] = ()  # classes of the NamedTuples and enums in the pieces
     part: str = "."
-    units: Units | None = None  # None if they are not named
+    units: Units | None = None  # None if the run does not name units
 
     def of(self, part: str, *nouns: type) -> "Checkpoint":
-        """Location of the pieces of one of several parts."""
+        """Location of the pieces of one part of the run."""
         return self._replace(part=f"{self.part}/{part}", nouns=nouns or self.nouns)
 
     @property
@@ -141,7 +141,7 @@ class Checkpoint(NamedTuple):
         return self if self._has_note else None
 
     def check(self) -> None:
-        """Raise ArchiveError if a piece of this part, or of its parts, cannot be used."""
+        """Raise ArchiveError if a piece of this part, or of a part within it, cannot be used."""
         for folder in (self.folder, *sorted(path for path in self.folder.rglob("*") if path.is_dir())):
             inside = folder.relative_to(self.folder)
             if UNFINISHED not in inside.parts:
@@ -162,12 +162,12 @@ class Checkpoint(NamedTuple):
         append_record(self.folder, name, to_bytes(make_node(value, self.units)), about)
 
     def load(self, name: str, kind: Any = Any) -> Any:
-        """Read a piece, whose type is given as an annotation.
+        """Read a piece of the type that the annotation `kind` describes.
 
         Raises
         ------
         ArchiveError
-            If the piece belongs to another scenario, version or part, or to an unknown law, or is damaged.
+            If the piece belongs to another scenario, version or part, contains an unknown law, or is damaged.
         """
         piece = self._find()[name]
         with _refuse_damage(piece.path):
@@ -198,7 +198,7 @@ class Checkpoint(NamedTuple):
                 f"of this version, {__version__}: {OTHER_VERSION}"
             )
         if about and about["part"] != self._place:
-            raise ArchiveError(f"{self.folder} contains pieces of {about['part']}: restore the original names")
+            raise ArchiveError(f"{self.folder} contains pieces of {about['part']}: restore the original folder names")
 
     @property
     def _place(self) -> str:
@@ -216,10 +216,10 @@ def _refuse_damage(path: Path):
 def read_index(path: Path) -> Index:
     """Index of a file of pieces; raise ArchiveError if it does not identify their owner."""
     with _refuse_damage(path):
-        with path.open("rb") as file:  # only the records appended since the last call
+        with path.open("rb") as file:  # read only the records appended since the last call
             first = file.read(_FRAME.size)
             index = _INDEX.get(path)
-            if index is None or index.first != first:  # the file is another one: its first record is unique
+            if index is None or index.first != first:  # another file: first records are unique
                 index = _INDEX[path] = Index(first)
             file.seek(index.end)
             while len(frame := file.read(_FRAME.size)) == _FRAME.size:
@@ -247,7 +247,7 @@ def is_worth_resuming(folder: Path) -> bool:
 
 
 def note_on_levels(folder: Path) -> str:
-    """Sentence on checkpoints computed by the core for other processors; empty if there are none."""
+    """Sentence about checkpoints that were computed by the core for other processors; empty if there are none."""
     levels = {read_index(path).about.get("core") for path in folder.rglob(f"*{SUFFIX}")}
     others, level = sorted(levels - {None, build.best_level()}), build.best_level()
     if not others:
@@ -280,7 +280,7 @@ def checkpoint_in(folder, scenario, *nouns):
 
 
 def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any], kind: Any = None) -> Any:
-    """Load a piece if it exists, otherwise compute and save it; `kind` annotates it, by default as `make` does."""
+    """Load a piece if it exists, otherwise compute and save it; `kind` is its type, by default that of the result."""
     if kept is None:
         return make()
     if not kept.has(name):
@@ -289,7 +289,7 @@ def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any],
 
 
 def kind_of_result(function: Callable) -> Any:
-    """Return annotation of a function or `partial`; Any if it has none."""
+    """Annotation of the result of a function or `partial`; Any if there is none."""
     return getattr(getattr(function, "func", function), "__annotations__", {}).get("return", Any)
 
 
@@ -302,7 +302,7 @@ def abandon(kept: Checkpoint) -> None:
 
 def remove_checkpoint(folder: Path) -> None:
     """Remove the pieces of a run that has written its results."""
-    gone = folder / GONE  # renamed first, so that a kill cannot leave only some of them
+    gone = folder / GONE  # renamed first, so that an interruption cannot leave only some of the pieces
     shutil.rmtree(gone, ignore_errors=True)
     if (folder / UNFINISHED).is_dir():
         (folder / UNFINISHED).rename(gone)

@@ -16,7 +16,7 @@ from ..core.tables import marks_of_groups, split_rows
 from ..core.text import decode_text, parse_number
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
-SPREADSHEETS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # zip archives, as XLSX and ODS are, and old XLS
+SPREADSHEETS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # first bytes of zip archives (XLSX and ODS), and of old XLS files
 REMEDY = "give a text table, or an HDF5, MATLAB or binary XLOOK file"
 TITLE = struct.Struct(">20s4i")  # header of XLOOK: name, samples, columns, two unused
 CHANNEL = struct.Struct(">13s13si50si")  # name, unit, unused, comment, samples
@@ -26,7 +26,7 @@ MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they m
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
 COMMENT = re.compile(r"\s*(#|%(?!\s*[;,\t]))")  # "%;kPa" is a row of units
-LEAST = 3  # consecutive numbers with which a first column counts as row numbers
+LEAST = 3  # smallest number of consecutive integers for which a first column counts as row numbers
 
 
 class Sheet(NamedTuple):
@@ -43,7 +43,7 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
 
     Parameters
     ----------
-    known : function that returns True for a wanted heading; it serves to find the row of headings
+    known : function that returns True for a wanted heading; it is used to find the row of headings
     named : whether the user gave column numbers, so headings are not needed
     example : example of headings, for messages
     remedy : advice for a table without headings, besides adding them
@@ -78,7 +78,7 @@ def _text_sheet(
     first, mark = _find_numbers(body)
     if first is None:
         seen = f": it has no numbers below {body[0][1].strip()[:60]!r}" if body else ""
-        raise ValueError(f"{path} contains no data{seen}; give a header such as '{example}' and rows")
+        raise ValueError(f"{path} contains no data{seen}; give a header such as '{example}', and rows of numbers")
     rows = split_rows(path, body[first:], mark)
     width = len(rows[0][1])
     above = [line for _, line in body[:first]]
@@ -149,7 +149,7 @@ def _fit_width(titles: list[str], rows: list[tuple[int, list[str]]]) -> list[str
 
 
 def _hdf5_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str | None]]:
-    """Arrays of an HDF5 file or a MATLAB 7.3 file, with their units; compound tables by their fields."""
+    """Arrays of an HDF5 file or a MATLAB 7.3 file, with their units; each field of a compound table is an array."""
     import h5py
 
     arrays: dict[str, tuple[np.ndarray, str | None]] = {}
@@ -201,7 +201,7 @@ def _look_sheet(path: Path, content: bytes) -> Sheet | None:
 
     A header of 16 or 32 channels, whose integers are big-endian, is followed by the columns, one after the other, as
     floating-point numbers of 4 or 8 bytes in the byte order of the machine that wrote them. The file states neither:
-    the size of numbers follows from its length, and the byte order from their magnitudes.
+    the size of numbers follows from the length of the file, and the byte order from the magnitudes of the numbers.
 
     Source
     ------
@@ -240,7 +240,7 @@ def _look_sheet(path: Path, content: bytes) -> Sheet | None:
 
 
 def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], known: Callable[[str], bool]) -> Sheet:
-    """Sheet of the columns among the arrays of a file; columns may be in groups, or in a single matrix."""
+    """Sheet of the columns found among the arrays of a file, which may be in groups or in a single matrix."""
     columns = {
         name: (array.ravel(), unit) for name, (array, unit) in arrays.items() if 1 < array.size == max(array.shape)
     }

@@ -32,7 +32,7 @@ STRESS |= {"kg/cm2": 98066.5, "psf": 47.88025898034, "ksf": 47880.25898034, "tsf
 NUMBER = {"-": 1.0, "1": 1.0, "": 1.0, "na": 1.0}
 STRAIN = NUMBER | {"%": 1e-2, "percent": 1e-2, "pct": 1e-2, "per_cent": 1e-2, "m/m": 1.0, "mm/mm": 1.0}
 SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
-QUANTITIES = {  # units, and names between blanks; if a file has columns with several of them, the first one is used
+QUANTITIES = {  # units, and names separated by blanks; if a file has columns with several of them, the first is used
     "time": (TIME, "time t sample_time elapsed_time test_time time_elapsed"),
     "load_point": (LENGTH, "load_point load_point_displacement load_point_disp loadpoint lp_displacement lp_disp "
         "lpdisp shear_displacement shear_disp vdcdt displacement disp"),
@@ -97,7 +97,7 @@ SHORT = {  # abbreviations in headings, and other forms of the same word
 GREEK = ("σ", "sigma|sig"), ("ε", "epsilon|eps"), ("τ", "tau"), ("δ", "delta|∆")  # letters and their names
 ABSENT = (-9999.0, -999.0, -99999.0)  # placeholders of some programs for missing numbers
 SIMILAR = 0.1  # relative tolerance within which a ratio equals that of two units
-SHOWN = 8  # columns that a message lists
+SHOWN = 8  # largest number of columns that a message lists
 DASHES, PRIMES = "−–—‐-", "’′ʹ`´"
 
 
@@ -121,7 +121,7 @@ class LaboratoryTable(NamedTuple):
     places: dict[str, tuple[int, float]]  # positions of wanted columns, and factors that convert them to SI units
 
     def numbers(self) -> dict[str, np.ndarray]:
-        """Numbers in the wanted columns in SI units, without incomplete rows, whose number a warning states."""
+        """Numbers in the wanted columns in SI units; incomplete rows are left out, and a warning counts them."""
         path, rows = self.path, self.sheet.rows or []
         values = {
             name: self.sheet.values[k] if self.sheet.values is not None
@@ -159,7 +159,7 @@ class LaboratoryTable(NamedTuple):
         return bool(unit_of(self.heading_of(name), aliases, units)[1] or self.sheet.units[self.places[name][0]])
 
     def groups(self, stresses: str = "") -> list[tuple[str, str, str]]:
-        """Heading, group and reason of each column; known columns that are not used have no influence.
+        """Heading, group and reason of each column; known columns that are not used count as harmless.
 
         Parameters
         ----------
@@ -299,7 +299,7 @@ NAMES = {same_word(alias) for _, aliases in COLUMNS.values() for alias in aliase
 
 
 def unit_of_time(ratio: float, stated: float = 1.0) -> str:
-    """Likely unit of times that are too short by a factor; empty if this is not the ratio of two units.
+    """Likely unit of times that are too short by the factor `ratio`; empty if it is not the ratio of two units.
 
     Parameters
     ----------
@@ -359,7 +359,7 @@ def _describe_column(name: str, wanted: Wanted) -> tuple[tuple[str, ...], dict[s
 
 
 def _is_missing(column: np.ndarray) -> np.ndarray:
-    """Samples without a number, or with one of `ABSENT` if its distance from all others exceeds that of neighbours."""
+    """Mask of missing samples: not finite, or equal to one of `ABSENT` that is far from all other values."""
     missing = ~np.isfinite(column)
     for mark in ABSENT:
         others = np.unique(column[~missing & (column != mark)])
@@ -410,7 +410,7 @@ def _factor(path: Path, word: str, unit: str | None, units: dict[str, float], si
 
 
 def _spelled(unit: str) -> str:
-    """Unit in its usual spelling: keys of pascals are in lower case."""
+    """Unit in its usual spelling; units of pressure are stored in lower case."""
     return re.sub(r"^([hkmg]?)pa$", lambda part: part[1].translate({109: "M", 103: "G"}) + "Pa", unit)
 
 

@@ -25,12 +25,12 @@ from ..core.units import in_si
 from ..extras import cache_folder
 from .schema import Finite, NotNegative, Positive, ScenarioError, ScenarioTable, Several, split_unit, validate_scenario
 
-CHECKED = 16  # digits of a digest that are the checksum of a file
+CHECKED = 16  # number of digits of a digest that form the checksum of a file
 TRUSTED = "trusted_laws.txt"  # file in the user's cache folder with the SHA-256 of every text that may be executed
 
 
 class LawOrFile(ScenarioTable):
-    """Law table that may name a file, if it has the keys of `LawFile`."""
+    """Law table that may name a file if its class has the keys of `LawFile`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -80,7 +80,7 @@ def _digest(text: str) -> str:
 
 
 def _with_checksum(law: dict) -> dict:
-    """Table of a law with the checksum of its file, if there is a file and the checksum is missing."""
+    """Law table to which the checksum of its file is added, if there is a file and the checksum is missing."""
     if not isinstance(law.get("file"), str) or "checksum" in law:
         return law
     path = Path(law["file"]).absolute()
@@ -88,7 +88,7 @@ def _with_checksum(law: dict) -> dict:
 
 
 def with_laws(tables: dict, change: Callable[[dict], dict]) -> dict:
-    """Scenario tables with every table `law` changed, at the top level or in a table `sample`."""
+    """Scenario tables in which every table `law`, at the top level or in a table `sample`, is changed."""
     out = dict(tables)
     if isinstance(tables.get("law"), dict):
         out["law"] = change(tables["law"])
@@ -125,7 +125,7 @@ def check_law_files(tables: dict) -> None:
     Raises
     ------
     ScenarioError
-        As in `load_law`; ValueError as in `laws.from_file`.
+        As in `load_law`. Errors in the file raise ValueError, as in `laws.from_file`.
     """
 
     def check(law: dict) -> dict:
@@ -177,7 +177,7 @@ class Parameters(ScenarioTable):
 
 
 class Key(NamedTuple):
-    """Key of law tables."""
+    """Properties of a key of law tables."""
 
     kind: Any  # annotation of its values; None is also allowed where it is the default
     words: str | None  # description, with the unit in brackets at the end
@@ -313,7 +313,7 @@ if TYPE_CHECKING:
 
 
 def allow_laws(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table]":
-    """Add to a law table the keys of some laws, the first of which is the default, and other keys with their defaults.
+    """Add keys to a law table: those of some laws, the first of which is the default, and others with their defaults.
 
     Descriptions name the laws, and the units of the default law (SI units with `si`).
     """

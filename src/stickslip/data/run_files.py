@@ -24,7 +24,7 @@ from pathlib import Path
 SCENARIO, NUMBERS = "scenario.json", "results.h5"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of the call, for `stickslip resume`
-LOOK = "look.json"  # style and formats of its figures
+LOOK = "look.json"  # style and formats of the run's figures
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 NAMES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, PAGE, FILM)
 FIGURES = r"(fig\d_\w+|claims)\.(png|pdf|svg)"
@@ -32,12 +32,12 @@ FIGURES = r"(fig\d_\w+|claims)\.(png|pdf|svg)"
 UNFINISHED, SWEEP, MEMBERS, LEGS = "unfinished", "sweep.json", "members", "lammps"
 # temporary folders: results being written, a sweep that replaces another, pieces being removed
 WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
-BEGUN = "scenario-"  # followed by a digest: scenario of an unfinished run
-SHOWN = 8  # file names listed in a message
+BEGUN = "scenario-"  # prefix, followed by a digest, of the file with the scenario of an unfinished run
+SHOWN = 8  # largest number of file names listed in a message
 
 
 def foreign_files_message(folder: Path, names: list[str]) -> str:
-    """Return the message about foreign files."""
+    """Return the message about files in a run folder that no run wrote."""
     return (
         f"{folder} contains files that stickslip did not write or that have changed since ({join_names(names)}): "
         f"choose another --out, or add --overwrite"
@@ -50,7 +50,7 @@ def join_names(names: list[str]) -> str:
 
 
 def resume_command(folder: Path) -> str:
-    """Return the command that continues a run, as typed."""
+    """Return the command that a user types to continue a run."""
     return shlex.join(["stickslip", "resume", str(folder)])
 
 
@@ -129,7 +129,7 @@ _PART = re.compile(r"\..+\.\d+(\.\w+)?")  # temporary file of an unfinished writ
 _PIECE = re.compile(r".+\.(records|h5)|(scenario|part)(-\w+)?\.json|(reproduce|look)\.json|" + re.escape(_OVERWRITABLE))
 _SWEEP_FILES = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "ready")
 
-Files = dict[str, list[str]]  # digests by name: one, or two where a file is about to be replaced
+Files = dict[str, list[str]]  # digests by file name: one, or two while the file is being replaced
 
 
 def read_manifest(folder: Path) -> Files:
@@ -138,7 +138,7 @@ def read_manifest(folder: Path) -> Files:
 
 
 def write_manifest(folder: Path, files: Files) -> None:
-    """Write the manifest."""
+    """Write the manifest of a run folder."""
     content = {"about": _ABOUT, "files": dict(sorted(files.items()))}
     write_atomically(folder / MANIFEST, json.dumps(content, indent=1).encode())
 
@@ -182,15 +182,15 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
 
     Parameters
     ----------
-    ours : function that returns True if a run may write, replace or remove a file of this name. In a folder where a run
-    has left files, other files are ignored; hidden files are always ignored
+    ours : function that returns True if a run may write, replace or remove a file of this name. If a run has left files
+    in the folder, files with other names are ignored; hidden files are always ignored
     """
     if not folder.is_dir():
         return []
     own, adopted, begun = read_manifest(folder), _read(folder / UNFINISHED / _OVERWRITABLE), unfinished_scenario(folder)
     own = {name: [sha for sha in digests if sha != _OTHER] for name, digests in own.items()}  # a run writes no others
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
-    if begun is not None:  # it wrote its scenario before the manifest
+    if begun is not None:  # the run wrote its scenario before the manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]
     trace = bool(own) or begun is not None
     seen = (path for path in folder.iterdir() if not path.name.startswith(".") and not _is_empty_run_folder(path))
@@ -200,7 +200,7 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
 
 
 def _is_empty_run_folder(path: Path) -> bool:
-    """Return True for a folder that runs create early, left empty by a stopped run."""
+    """Return True for an empty folder that a stopped run created early."""
     if path.name not in (UNFINISHED, MEMBERS) or path.is_symlink() or not path.is_dir():
         return False
     return all(inner.is_dir() and not inner.is_symlink() for inner in path.rglob("*"))
@@ -328,7 +328,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def _describe_holder(place: Path) -> str:
-    """Describe the process that holds the lock, as far as its note can be read."""
+    """Describe the process that holds the lock, if its note can be read."""
     try:
         note = json.loads((place / HOLDER).read_text(encoding="utf-8"))
         return f"process {note['pid']} on {note['host']} ({note['by']}) has been using it since {note['since']}"
@@ -340,7 +340,7 @@ def _find_foreign_file(place: Path) -> str | None:
     """Name of a foreign file or link found in place of the (empty) lock file or the note about its holder."""
     for name in (LOCK, HOLDER):
         path = place / name
-        with suppress(OSError):  # gone meanwhile
+        with suppress(OSError):  # it may have been removed meanwhile
             if not stat.S_ISREG(path.lstat().st_mode):
                 return name
             text = path.read_bytes()
@@ -350,7 +350,7 @@ def _find_foreign_file(place: Path) -> str | None:
 
 
 def _remove_empty(folders: list[Path]) -> None:
-    """Remove any created folders that are empty."""
+    """Remove those of the newly created folders that are empty."""
     for path in folders:
         with suppress(OSError):
             path.rmdir()

@@ -26,7 +26,7 @@ HUGE = 1e30  # larger numbers make products overflow
 NO_LAW = "the contact law is missing"
 FORMER_NO_LAW = "no contact law was given"  # wording in files of version 0.3
 UNDECIDED = "undecided: "  # beginning of notes on actions on the grains that were not imported
-LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # subjects
+LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # note subjects
 BONDS = "bonds"
 
 
@@ -45,7 +45,7 @@ def naming(path: str | Path) -> Iterator[None]:
 
 @contextmanager
 def refusing(text: Callable[[Exception], str] = str, *kinds: type[Exception]) -> Iterator[None]:
-    """Raise PackingError in place of ValueError and errors of further kinds; `text` makes its message from theirs."""
+    """Raise PackingError in place of ValueError and errors of further kinds; `text` converts an error to a message."""
     try:
         yield
     except PackingError:
@@ -92,7 +92,7 @@ class Account(str):
 
     @classmethod
     def of(cls, *parts: dict[str, list[str]]) -> "Account":
-        """Note on names by their group, from several parts."""
+        """Combine the names of several parts, by group, into one note."""
         groups = {
             group: list(dict.fromkeys(name for part in parts for name in part.get(group, ())))
             for group in (USED, HARMLESS, UNKNOWN)
@@ -112,7 +112,7 @@ def account_for(
 
     Parameters
     ----------
-    kind : kind of the names in the table of `known`, where names are looked up after `plain`
+    kind : kind of the names; the table of `known` for this kind contains them in the form that `plain` returns
     known : groups of names known to the reader
     """
     groups: dict[str, list[str]] = {}
@@ -129,7 +129,7 @@ def account_for(
 
 
 def with_one_account(notes: list[str]) -> list[str]:
-    """Notes with a single account of all names that readers found."""
+    """Notes in which a single account of all names that readers found replaces all accounts."""
     parts = [note.groups for note in notes if isinstance(note, Account)]
     rest = [note for note in dict.fromkeys(notes) if not isinstance(note, Account)]
     return [*rest, Account.of(*parts)] if parts else rest
@@ -141,7 +141,7 @@ def account_of(notes) -> dict[str, list[str]]:
 
 
 def repeated_note(text: str) -> Assumption:
-    """Note that a file repeats from its source: files store the sentence, whose beginning identifies its class."""
+    """Note that a file copied from its source; files store only the sentence, whose beginning identifies its class."""
     text = printable(text)
     return (Obstacle if text.startswith(UNDECIDED) else Assumption)(
         text, LAW if text.startswith((NO_LAW, FORMER_NO_LAW)) else ""
@@ -160,7 +160,7 @@ NO_CONTACTS = NoMemory("contacts were found from positions, without memory (zero
 
 
 def law_note(law: Law) -> Assumption:
-    """Return the note on a law that was not given."""
+    """Return the note that no law was given and the default law is assumed."""
     return Assumption(f"{NO_LAW}: the defaults are assumed ({law_text(law)})", LAW)
 
 
@@ -175,7 +175,7 @@ def notes_about(notes, *subjects: str) -> list[str]:
 
 
 def law_text(law: Law) -> str:
-    """Return a law in one line."""
+    """Describe a law in one line."""
     return " ".join(repr(law).removeprefix("Law: ").split())
 
 
@@ -203,11 +203,11 @@ def from_arrays(
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
     mode : (M,) 1 for sticking contacts, 2 for sliding ones. The slip of a sliding contact is set to the Coulomb limit
         if it is beyond the limit or within 0.1 % of it (a contact further below it slid under another law). By default,
-        the slip determines the mode; for a contact at its limit, this is a matter of round-off
+        the slip determines the mode; for a contact at its limit, the result depends on round-off
     velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
     external_force : (N, 3) [force]
     dim : 2 or 3; with 2, all vectors may have two components
-    i0 : float or (N,), moment of inertia I0 m R², default 2/5, or 1/2 in two dimensions
+    i0 : float or (N,), factor in the moment of inertia i0 m R², default 2/5, or 1/2 in two dimensions
 
     Raises
     ------
@@ -396,7 +396,7 @@ def _build_cell(cell, periodic, dim: int):
 
 
 def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) -> State:
-    """State with a given list of contacts and their slip, not yet projected."""
+    """State with a given list of contacts and their slip, which is not yet projected onto the contact plane."""
     if pair_i is None or pair_j is None:
         raise PackingError("pair_i and pair_j must be given together")
     n = len(state.grains.radius)
@@ -491,8 +491,8 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     if modes:
         cut &= state.contacts.mode[:count] != SLIDE
         # copy modes, and the limiting slip of sliding contacts, to trial memory, except where slip was cut; a contact
-        # marked as sliding far below the limit slid under another law, or one without friction: its slip determines
-        # its mode
+        # marked as sliding far below the limit slid under another law, such as one without friction: its slip
+        # determines its mode
         given = state.contacts.mode
         _, held = forces(state, law, memory=HELD | GIVEN)
         size, limit = (np.linalg.norm(contacts.slip[:count], axis=1) for contacts in (trial, held))

@@ -26,7 +26,7 @@ from ..core.readable import folded, format_value, table
 from ..core.text import SentenceError
 from ..core.units import SI, Units, units_from
 
-LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also of law parameters: products of two or three do not overflow
+LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also of law parameters; products of two or three of these are finite
 
 
 def _check_size(value: float) -> float:
@@ -58,8 +58,8 @@ def require_lammps_for_ranks(engine: str, ranks: int) -> None:
     """Raise ValueError if several MPI processes are requested for an engine without MPI."""
     if ranks > 1 and engine != "lammps":
         raise ValueError(
-            f'ranks = {ranks} requires engine = "lammps", as engine = {engine!r} has no MPI processes: use it, or '
-            "leave ranks out"
+            f'ranks = {ranks} requires engine = "lammps", as engine = {engine!r} has no MPI processes: use '
+            "that engine, or leave ranks out"
         )
 
 
@@ -102,7 +102,7 @@ class ScenarioBase(ScenarioTable):
         """Iterate over the sizes of the run, each with the keys that determine it and advice on reducing it."""
         yield from ()
 
-    @model_validator(mode="after")  # pydantic calls validators of a base class first, before others make arrays
+    @model_validator(mode="after")  # pydantic calls validators of a base class first, before others create arrays
     def _check_sizes(self):
         require_sizes(self.sizes())
         return self
@@ -175,7 +175,7 @@ def given_keys(
 ) -> Iterator[tuple[str, object, str, str]]:
     """Iterate over the dotted keys of a scenario that differ from their defaults: key, value, unit and meaning.
 
-    `usual` is the default of the whole table, whose values may differ from those of its class.
+    `usual` is the default of the whole table, in which values may differ from the defaults of its class.
     """
     for name, field in type(table).model_fields.items():
         value, words_and_unit = getattr(table, name), split_unit(field.description)

@@ -35,7 +35,7 @@ class DaskClient(Protocol):
     scheduler: Any
 
     def nthreads(self) -> dict:
-        """Threads of each worker."""
+        """Number of threads of each worker."""
 
 
 # number of local processes, or a Dask scheduler's address or client; None: one process per core
@@ -103,13 +103,13 @@ def run_members(
 
     Parameters
     ----------
-    function : importable by name, so that other processes find it; with `report`, its last argument is a function by
-    which it reports its own progress in the same way
+    function : importable by name, so that other processes find it; with `report`, its last argument is a function with
+    which it reports its progress in the same way
     workers : number of processes, each on one core, or 1 to run everything in this process; or the address of a Dask
         scheduler, such as "tcp://host:8786" (or its JSON file, or a `distributed.Client`)
     stage : name of the work, for `report`
-    report : called as report(stage, share done, text) with the number of finished members, and a message from one of
-    them
+    report : called as report(stage, share done, text); the text contains the number of finished members and a message
+    from one of them
     describe : outcome of a member in a few words, for `report`
     load : load(k) returns the result of task k if it has already finished, else None; finished tasks are not run again
     save : called as save(k, result) in this process, as soon as task k has finished
@@ -132,7 +132,7 @@ def run_members(
     members = [None if result is None else Member(result, None) for result in results]
     missing = {k: task for k, task in enumerate(tasks) if members[k] is None}
     done, failed, shares = len(tasks) - len(missing), 0, dict.fromkeys(missing, 0.0)
-    share_done = float(done)  # sum of the shares of all members
+    share_done = float(done)  # sum of the finished shares of all members
 
     def keep(k: int, member: Member) -> None:
         nonlocal done, failed
@@ -209,7 +209,7 @@ def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard)
 
 
 def _pack_tasks(function, tasks: dict[int, tuple]):
-    """Yield (k, bytes of a task), each on demand; its function is that of a module that other processes can import."""
+    """Yield (k, bytes of a task) on demand; raise ValueError if other processes could not import the function."""
     if getattr(function, "__module__", None) == "__main__":
         spec = getattr(sys.modules["__main__"], "__spec__", None)
         if spec is None:
@@ -281,7 +281,7 @@ def _read_json(path: str, tries: int = 10):
 def _resolve_address(address: str) -> str:
     """Return the address, or the one in a JSON file, once a scheduler answers there.
 
-    A client would keep retrying for a long time.
+    Without this check, a client would keep retrying for a long time.
     """
     if address.endswith(".json"):
         if not os.path.exists(address):
@@ -323,7 +323,7 @@ async def _request_identity(address: str) -> dict:
 
 
 def _run_on_cluster(packed, address, keep, heard) -> None:
-    """Run all tasks; arguments as in `worker.run_tasks`, and the scheduler's address.
+    """Run all tasks on the cluster of the scheduler at `address`; other arguments are those of `worker.run_tasks`.
 
     Raises
     ------

@@ -60,7 +60,7 @@ class WorkerProcess:
         # the cores are already distributed over processes: BLAS and Numba get one thread each
         paths = os.pathsep.join(path for path in sys.path if path)
         environment = os.environ | dict.fromkeys(ONE_CORE, "1") | {"PYTHONPATH": paths, "PYTHONSAFEPATH": "1"}
-        # the working directory may contain a random.py: it comes last, for functions of an interactive session
+        # the working directory, needed for functions of an interactive session, comes last: it may contain a random.py
         here = [os.getcwd()] if "" in sys.path else []
         self.origin = _origin()
         self.process = subprocess.Popen(
@@ -129,7 +129,7 @@ def _origin() -> tuple:
 
 
 def _take(waiting: list[WorkerProcess]) -> WorkerProcess:
-    """Return a waiting process with the same inherited state as a new one, or start one."""
+    """Return a waiting process whose inherited state is still up to date, or start a new process."""
     with suppress(IndexError):
         while True:
             process = waiting.pop()
@@ -141,7 +141,7 @@ def _take(waiting: list[WorkerProcess]) -> WorkerProcess:
 
 @contextmanager
 def borrowed(waiting: list[WorkerProcess]) -> Iterator[WorkerProcess]:
-    """Context manager for a waiting process, or a new one. Afterwards it waits again; after an error, it is ended."""
+    """Context manager for a waiting or new process, which afterwards waits again or, after an error, is ended."""
     process = _take(waiting)
     try:
         yield process
@@ -228,7 +228,7 @@ PAUSE = 0.2  # shortest time between two messages of one task [s]
 
 
 def run_tasks(packed, workers: int, keep, heard, *, own: bool = False) -> None:
-    """Run all tasks.
+    """Run all tasks in worker processes on this machine.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def run_tasks(packed, workers: int, keep, heard, *, own: bool = False) -> None:
                 answer = process.call(task, PAUSE if heard else None, lambda *said: events.put(("said", k, *said)))
             events.put(("done", k, *answer))
         except WorkerDiedError as problem:
-            if tries < TRIES:  # at the end of the queue: memory may suffice when fewer tasks run
+            if tries < TRIES:  # retry at the end of the queue: memory may suffice when fewer tasks run
                 threads.submit(attempt, k, task, tries + 1)
             else:
                 events.put(("done", k, None, f"{problem}, {tries} times"))

@@ -1,4 +1,4 @@
-"""Run folders: written, resumed, swept, opened as datasets, and shown as pages and JSON."""
+"""Run folders: write and resume runs, sweep over scenarios, and show results as datasets, pages and JSON."""
 
 from ..lazy import attach
 

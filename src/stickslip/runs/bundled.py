@@ -62,7 +62,7 @@ def names() -> dict[str, str]:
 
 @checked
 def path(name: str) -> Path:
-    """Return the path of an example; the extension may be left out if there is only one example of this name.
+    """Return the path of an example; the extension may be left out if there is only one example with this name.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def path(name: str) -> Path:
 
 @checked
 def packing(name: str = "sheared_spheres.npz") -> tuple[State, Law]:
-    """Return a packing and its law.
+    """Return the packing of an example and its law.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def packing(name: str = "sheared_spheres.npz") -> tuple[State, Law]:
 
 @checked
 def scenario(name: str) -> ScenarioBase:
-    """Return a scenario, for `ss.simulate`.
+    """Return the scenario of an example, for `ss.simulate`.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def scenario(name: str) -> ScenarioBase:
 
 @checked
 def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> list[Path]:
-    """Copy examples, by default all of them, into a folder, which is created; return the paths of the copies.
+    """Copy examples, by default all of them, into a folder, which is created if needed; return the paths of the copies.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def pages() -> dict[str, str]:
 
 
 def _pages() -> dict[str, Path]:
-    """Files of the pages of the laboratory and of wings, by name."""
+    """Files of the documentation pages of this package and of installed wings, by name."""
     files = sorted([*PAGES.glob("*.md"), *PAGES.glob("[!_]*/**/*.md")])
     names = [file.relative_to(PAGES).with_suffix("").as_posix() for file in files if file.name != "README.md"]
     wing_pages = [(name, Path(wing.module().__path__[0])) for wing in wings().values() for name in wing.pages]
@@ -194,7 +194,7 @@ def read_scenarios(path: Path) -> list[ScenarioBase]:
     Raises
     ------
     ScenarioError
-        If there is none.
+        If there is no scenario.
     """
     if path.is_dir():
         path = path / ("sweep.json" if (path / "sweep.json").exists() else "scenario.json")

@@ -1,7 +1,7 @@
-"""Results of a run as an xarray DataTree with units: states by frame, ragged arrays of contacts, tables of numbers.
+"""Results of a run as an xarray DataTree with units: states by frame, ragged arrays of contacts, and tables.
 
 The touching contacts of all frames are concatenated along the dimension `contact`, and `contact_count` is their number
-in each frame: CF's contiguous ragged array.
+in each frame. The CF conventions call this format a contiguous ragged array.
 """
 
 from collections import Counter
@@ -36,10 +36,10 @@ MODES = {OPEN: "open", STICK: "stick", SLIDE: "slide"}
 def open_dataset(place: str | Path) -> xr.DataTree:
     """Open the results of a run or a sweep, or the parts saved so far by an unfinished run.
 
-    The node `frames` holds the states: position, velocity, … along `time` (or `load` if the frames correspond to loads
-    along a quasi-static path, otherwise `frame`), and contacts as a ragged array (see `contact_table`). Every group of
-    the archive is a node of the same name, such as `series`. Its arrays have `time`, `strain` or `load` as their
-    coordinate if that quantity increases. Units are in the attribute `units`: SI units, or dimensions if the scenario
+    The node `frames` holds the states: position, velocity, … along `time` (along `load` if the frames are those of a
+    quasi-static path, otherwise along `frame`), and contacts as a ragged array (see `contact_table`). Every group of
+    the archive, such as `series`, is a node of the same name. Its arrays have `time`, `strain` or `load` as their
+    coordinate if that quantity increases. The attribute `units` contains SI units, or dimensions if the scenario
     defines its own units. The scenario's text and the versions are attributes of the root. The table of a sweep
     is the root's dataset; see `open_sweep`.
 
@@ -123,11 +123,11 @@ def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
     """Build all nodes; a dimension that clashes with a parent node's dimension is prefixed with the node's name."""
     states, tables, laws = {}, {}, {}
     _collect(tree, "", tree.get("law"), states, tables, laws)
-    sizes = Counter(len(state.grains.radius) for state in states.values()).most_common(1)  # numbers of grains
+    sizes = Counter(len(state.grains.radius) for state in states.values()).most_common(1)  # usual number of grains
     states = {name: state for name, state in states.items() if len(state.grains.radius) == sizes[0][0]}
     nodes = {}
     if states:
-        # walls of each state among those of the whole run, since some may have been removed
+        # indices of the walls of each state among those of the whole run, since some may have been removed
         walls, remaining = tree["walls"].split("\n") if isinstance(tree.get("walls"), str) else [], {}
         for path, state in states.items():
             mine = tree.get("frame_walls", {}).get(path.rpartition("/")[2], "").split("\n")
@@ -166,10 +166,10 @@ def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
 
 
 def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> None:
-    """Collect the states of a tree with their laws, and the tree's arrays and numbers, keyed by path of group."""
+    """Collect the states of a tree with their laws, and arrays and numbers, keyed by the path of their group."""
     law = tree.get("law", law) if isinstance(tree, dict) else law
     rows = list(tree.values()) if isinstance(tree, dict) else []
-    if (  # groups, such as stages, form the rows of a table: two or more with the same plain fields
+    if (  # two or more groups with the same plain fields, such as stages, form the rows of a table
         len(rows) > 1
         and all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows)
         and all(isinstance(v, str | int | float | np.number) for row in rows for v in row.values())
@@ -268,7 +268,7 @@ def _group_dataset(group: str, entries: dict, units: dict) -> xr.Dataset:
 
 
 def _row_dataset(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
-    """Build the dataset of a table along a dimension named after the group (singular), labelled by `name` or key."""
+    """Build the dataset of a table; its dimension is named after the group (singular) and labelled by `name` or key."""
     first, dim = next(iter(rows)), label.removesuffix("s") or "row"
     columns = {name: np.array([row[name] for row in rows.values()]) for name in rows[first]}
     labels = columns.pop("name", np.array(list(rows)))

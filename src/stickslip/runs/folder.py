@@ -1,4 +1,4 @@
-"""Run folder: checks before a run, all run files as a unit, and unfinished runs for `stickslip resume`."""
+"""Run folders: checks before a run, writing all run files as a unit, and finding runs for `stickslip resume`."""
 
 import inspect
 import json
@@ -181,7 +181,7 @@ def install_results(folder: Path) -> None:
 
 
 def save(staging: Path, scenario, numbers: dict) -> None:
-    """Write the scenario and the raw numbers."""
+    """Write the scenario and the raw numbers into a staging folder."""
     units = scenario.named_units
     if scenario.units is not None:
         numbers["units"] = str(units)
@@ -190,7 +190,7 @@ def save(staging: Path, scenario, numbers: dict) -> None:
 
 
 def write_result(folder: Path, experiment: Experiment, result, look: Look = PLAIN) -> list[Path]:
-    """Write all run files as a unit and return the paths."""
+    """Write all run files as a unit and return their paths."""
     with (
         units_in_use(result.scenario.named_units),
         staged_results(folder, failures=experiment.failures(result)) as staging,
@@ -237,7 +237,7 @@ def _save_result(staging: Path, experiment: Experiment, result, numbers: dict) -
 
 
 def write_reproduction(folder: Path, experiment: Experiment, reproduction, look: Look = PLAIN) -> list[Path]:
-    """Write all files of the reproduction of a paper, with its claims, and return the paths."""
+    """Write all files of the reproduction of a paper, with its claims, and return their paths."""
     paper = experiment.paper
     if paper is None:
         raise ValueError(f"{experiment.name} does not reproduce a paper")
@@ -270,10 +270,10 @@ class UnfinishedRun(NamedTuple):
 
     scenario: ScenarioBase | None
     reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
-    sweep: dict | None = None  # tables, if it is a sweep
+    sweep: dict | None = None  # tables of the sweep, if it is one
     figures: bool = False  # whether the members of the sweep draw figures
     look: Look = PLAIN  # look of figures
-    part: tuple[int, int] | None = None  # part of a sweep, if only this one is run here
+    part: tuple[int, int] | None = None  # (k, n) if only the k-th of n parts of a sweep is run here
 
 
 @cache
@@ -307,7 +307,7 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
     Raises
     ------
     ValueError
-        If there is no run.
+        If the folder contains no run to resume.
     """
     if not folder.is_dir():
         raise ValueError(f"{folder} is not a folder: give the folder of an interrupted run")

@@ -19,7 +19,7 @@ LIBRARIES = ("numpy", "scipy", "h5py")
 
 
 def show(command: str, fields: dict, **common) -> None:
-    """Print the object of a command: the fields common to all commands (see `common_fields`), and its own."""
+    """Print the object of a command: the fields common to all commands (see `common_fields`), and its own `fields`."""
     print(to_json(common_fields(command, **common) | fields))
 
 

@@ -1,4 +1,4 @@
-"""Pages on a run folder or sweep: claims, measures, series, figures, scenario, and states."""
+"""Pages that show a run folder or sweep: claims, measures, series, figures, scenario, and states."""
 
 import json
 import shlex
@@ -45,7 +45,7 @@ def load_content(
 ) -> PageContent:  # fmt: skip
     """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder.
 
-    With `trust`, the law file may be executed; `zoom` is that of figures of a packing.
+    With `trust`, the law file may be executed; `zoom` applies to figures of a packing.
     """
     if not is_run(place) and (place.is_dir() or place.is_file() or place.suffix):
         return packing_content(
@@ -102,7 +102,7 @@ def folder_content(
     times = [state.time for _, state, *_ in states]
     stages = tuple(_stage_of(time, tree.get("stages", {})) for time in times)
     labels = [name.rpartition("/")[2] for name, *_ in states]
-    if len(set(times)) > 1:  # not a load path, whose states are labelled by their loads
+    if len(set(times)) > 1:  # states of a load path have the same time and are labelled by their loads
         labels = [_label(*about) for about in zip(labels, times, stages, strict=True)]
     states = [(name, with_neighbor_list(state), law) for name, state, law, _ in states]
     frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]

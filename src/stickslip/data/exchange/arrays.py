@@ -1,9 +1,9 @@
 """Formats that store states exactly: .npz files with the arrays of `from_arrays`, HDF5 archives, and GSD files.
 
-OVITO, freud and VMD read GSD: grains, and contacts as bonds with their forces. Other programs display the standard
+OVITO, freud and VMD read GSD: grains, and contacts as bonds with their forces. These programs display the standard
 chunks, which are in single precision and in a box around the origin. Columns per grain and per contact are under
-`log/particles/` and `log/bonds/`. All arrays of the state are under `stickslip/`, which other programs ignore: files
-written by this package are read back exactly, to the last bit. From other files, only the standard chunks are read.
+`log/particles/` and `log/bonds/`. All arrays of the state are under `stickslip/`, which other programs ignore, so that
+files written by this package are read back to the last bit. From other files, only the standard chunks are read.
 """
 
 import difflib
@@ -33,7 +33,7 @@ from .frame import Frame, bounding_box, law_from_dict, law_to_dict, list_losses,
 REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
 MOTION = ("velocity", "spin", "angle")
-BOND = "bond_"  # beginning of the names of fields of bonds
+BOND = "bond_"  # prefix of the names of bond fields
 BONDS = tuple(f"{BOND}{name}" for name in Bonds._fields)
 OPTIONAL = (*BONDS, "mass", "density", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0", "assumed")
 UNITS = "units"  # optional: "SI", or names of length, mass and time
@@ -41,16 +41,16 @@ PROPERTIES = {
     LEVER: "lever arms R − δ/2", KEEPS_FORCE: "memory of forces", ROLLING: "rolling moments",
     TWISTING: "twisting moments",
 }  # fmt: skip
-# optional: the law of the packing
+# optional arrays that define the law of the packing
 LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t", "tension")
 
 
 def write_npz(path: str | Path, frame: Frame) -> list[str]:
-    """Write the arrays of `from_arrays`, and the law if it has one material; return notes on lost information."""
+    """Write the arrays that `from_arrays` takes, and a law of a single material; return notes on lost information."""
     state, law = frame.state, frame.law
     grains, control, n = state.grains, state.control, len(state.grains.radius)
     pairs, notes = without_walls(frame)
-    if "bond" in pairs:  # contacts alone
+    if "bond" in pairs:  # without the rows of bonds
         pairs = {name: values[pairs["bond"] == 0] for name, values in pairs.items()}
     arrays = {
         "position": grains.position, "radius": grains.radius, "mass": grains.mass, "dim": state.cell.dim,
@@ -85,12 +85,12 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
 
 
 def recognize(head: bytes) -> bool:
-    """Return True for NumPy's .npz and .npy."""
+    """Return True for NumPy's .npz and .npy files, judged by their first bytes."""
     return head.startswith((b"PK\x03\x04", NPY))
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read arrays with this package's names or usual ones such as x and radius, or one array of x y z radius."""
+    """Read arrays named as in this package or in a common way (x, radius), or one array with columns x y z radius."""
     only_state(path, frame)
     arrays = load_arrays(path)
     if "position" not in arrays and not set(arrays) & {*CONTACTS, *LAW}:
@@ -125,15 +125,15 @@ def _bonding(path: Path, arrays: dict[str, np.ndarray]) -> Callable[[State], Sta
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Arrays of a NumPy file by name; that of an .npy file has the name ""."""
+    """Arrays of a NumPy file by name; the array of an .npy file has the name ""."""
     try:
         return read_arrays(path, remedy="write it again")
     except Exception:  # numpy, zipfile and zlib raise various errors for a damaged file
-        raise PackingError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
+        raise PackingError(f"{path} cannot be read as .npz: use numpy.savez without Python objects") from None
 
 
 def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]:
-    """Arrays for `from_arrays`, with `units` or None, and options for `law_by_name`.
+    """Arrays for `from_arrays`, including `units` (None if not in the file), and options for `law_by_name`.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
 
 
 def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write complete states, and the law of the first, as an archive."""
+    """Write complete states, and the law of the first state, as an archive."""
     path = Path(path)
     if not path.parent.is_dir():
         raise PackingError(f"the folder {path.parent} does not exist: create it first")
@@ -190,11 +190,11 @@ def recognize_archive(head: bytes) -> bool:
 
 
 def read_archive(path: Path, wanted: str | None = None) -> list[Packing]:
-    """Read the states of an archive, each with its path in the archive and the nearest law above it."""
+    """Read the states of an archive, each with its path in the archive and the law stored nearest above it."""
     tree = archive.read(path, remedy=REMEDY)
     states = dict(_find_states(tree))
     if not states:
-        raise PackingError(f"{path} contains no state: give an archive of states, or an .npz")
+        raise PackingError(f"{path} contains no state: give an archive of states, or an .npz file")
     some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
     if wanted is None and len(states) > 1:
         raise PackingError(f"{path} contains {len(states)} states: choose one with --frame, from {some}")
@@ -206,7 +206,7 @@ def read_archive(path: Path, wanted: str | None = None) -> list[Packing]:
 
 
 def _find_states(tree: dict, above: str = "", law: Law | None = None):
-    """Yield the names of all states in an archive, at any depth, with each state and the nearest law above it."""
+    """Yield each state in an archive, at any depth, with its name and the law stored nearest above it."""
     law = tree.get("law", law)
     for name, value in tree.items():
         if isinstance(value, State):
@@ -220,15 +220,15 @@ def law_from_options(options: dict) -> Law:
     return law_by_name(**{name: value for name, value in options.items() if value is not None})
 
 
-GSD_SCHEMA = 2  # schema of the chunks under stickslip/; earlier ones are read
+GSD_SCHEMA = 2  # schema of the chunks under stickslip/; earlier schemas are also read
 PREFIX = "stickslip/"
 SHOWN = ("sticking", "sliding")  # types of GSD bonds that stand for contacts
 CEMENT = ("bond", "broken bond")  # types of GSD bonds that stand for bonds
 META = f"{PREFIX}meta"
 ENTRY = np.dtype("<u8, <u8, <i8, <u4, <u2, u1, u1")  # entry of the file index
 ENTRY.names = "frame", "rows", "at", "columns", "id", "type", "flags"
-NAME, TYPES = 64, np.array([0.0, 1, 2, 4, 8, 1, 2, 4, 8, 4, 8, 1])  # sizes of a name, and of numbers by type [bytes]
-# memory of a particle or bond [bytes], even if the file contains only their number: other data have defaults
+NAME, TYPES = 64, np.array([0.0, 1, 2, 4, 8, 1, 2, 4, 8, 4, 8, 1])  # sizes of a name, and of one number by type [bytes]
+# memory of a particle or bond [bytes], which it takes even if the file contains only the number of particles or bonds
 TAKES = {"particles": 300, "bonds": 20, "angles": 24, "dihedrals": 32, "impropers": 32, "constraints": 16, "pairs": 20}
 KINDS = (core.Grains, core.Walls, core.Cell, core.Contacts, core.Control, core.Instant, core.Bonds)
 NOUNS = {kind.__name__.lower(): kind for kind in KINDS}
@@ -289,7 +289,7 @@ def _to_hoomd(hoomd, frame: Frame, step: int):
 
 
 def _exported(column: np.ndarray) -> np.ndarray:
-    """Column in a type that other programs read: small integers as 32-bit integers."""
+    """Column converted to a type that other programs read: small integers become 32-bit integers."""
     return np.ascontiguousarray(column.astype(np.int32) if column.dtype.kind in "iub" else column)
 
 
@@ -323,24 +323,24 @@ def _json_chunk(entries: dict) -> np.ndarray:
 
 
 def recognize_gsd(head: bytes) -> bool:
-    """Return True for GSD."""
+    """Return True for GSD files, judged by their first bytes."""
     return head.startswith(b"\xdf\x65" * 4)
 
 
 def read_gsd(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read frames of a GSD file, named by their number from 0; for foreign files, arrays for `from_arrays`.
+    """Read the frames of a GSD file, named by their number from 0; frames of other programs lack slip and a law.
 
     Raises
     ------
     PackingError
-        If the file is truncated, of another version, or not a GSD file.
+        If the file is truncated, has an unsupported version, or is not a GSD file.
     """
     hoomd = require("gsd.hoomd", "exchange")
     try:
-        sizes = _sizes_of_frames(path)  # first, because the library does not check them
+        sizes = _sizes_of_frames(path)  # checked first, because the library does not check sizes
         with hoomd.open(str(path), "r") as file:
             if not len(file):
-                raise PackingError(f"{path} has no frames: give a GSD file with at least one")
+                raise PackingError(f"{path} has no frames: give a GSD file with at least one frame")
             chosen = chosen_frames(path, [str(k) for k in range(len(file))], frame)
             budget = Budget(path, path.stat().st_size, remedy="write it again", error=PackingError)
             for k in chosen:
@@ -353,13 +353,13 @@ def read_gsd(path: Path, frame: str | None = None) -> list[Packing]:
     except (OSError, RuntimeError, KeyError, IndexError, TypeError, ValueError, MemoryError, OverflowError) as problem:
         why = str(problem).replace("\n", " ").strip("'\"")
         raise PackingError(
-            f"{path} cannot be read as GSD ({type(problem).__name__}: {why[:120]}): it is truncated, of another "
-            f"version, or not a GSD file"
+            f"{path} cannot be read as GSD ({type(problem).__name__}: {why[:120]}): it is truncated, has another "
+            f"version, or is not a GSD file"
         ) from None
 
 
 def _sizes_of_frames(path: Path) -> dict[int, float]:
-    """Sizes of all chunks of each frame [bytes] by the file index; chunks may overlap."""
+    """Total size of the chunks of each frame [bytes] according to the file index; chunks may overlap."""
     stored = path.stat().st_size
     with open(path, "rb") as file:
         head = Reader(file.read(40), 8)
@@ -373,7 +373,7 @@ def _sizes_of_frames(path: Path) -> dict[int, float]:
     if ((index["at"] < 0) | (index["at"] + size > stored)).any():
         raise ValueError("a chunk is declared beyond the end of the file")
     frames, places = np.unique(index["frame"], return_inverse=True)
-    sizes = np.bincount(places, 8.0 * index["rows"] * index["columns"])  # memory as numbers in double precision
+    sizes = np.bincount(places, 8.0 * index["rows"] * index["columns"])  # size in memory, in double precision
     return dict(zip(frames.tolist(), sizes.tolist(), strict=True))
 
 

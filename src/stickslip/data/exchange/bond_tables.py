@@ -1,8 +1,8 @@
 """Tables of bonds that accompany a packing: a row for each bond, with its two grains, stiffnesses and strengths.
 
-Columns are described once, in `NAMES`. Those of YADE are attributes of `CohFrictPhys` and `JCFpmPhys`: stiffnesses of a
-bond and the loads at which it breaks, in tension or in shear, whichever comes first. Those of PFC are properties of
-`linearpbond`, per area of the cement, from which a parallel bond follows.
+`NAMES` lists the columns. Those of YADE are attributes of `CohFrictPhys` and `JCFpmPhys`: the stiffnesses of a bond,
+and the loads at which it breaks in tension or in shear, whichever comes first. Those of PFC are properties of
+`linearpbond` per area of the cement, from which the stiffnesses and strengths of a parallel bond are computed.
 
 Source: documentation of YADE, classes CohFrictPhys and JCFpmPhys; of PFC 7, linear parallel bond model.
 """
@@ -49,12 +49,12 @@ def is_table_of_bonds(path: Path) -> bool:
 
 
 def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
-    """State with the bonds listed in a table, at rest as given, and notes on the assumptions.
+    """State with the bonds of a table, assumed to be at rest at the given positions, and notes on the assumptions.
 
     Raises
     ------
     PackingError
-        If columns are missing or repeated, if a stiffness or strength is not allowed, or a grain does not exist.
+        If columns are missing or repeated, a stiffness or strength has an invalid value, or a grain does not exist.
     """
     columns, notes = read_columns(path, {}, lambda names: {"i", "j"} <= set(map(_name, names)))
     known = {}
@@ -76,7 +76,7 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
     old = 0 if state.bonds is None else len(state.bonds.i)
     if of_pfc:
         stiffness, strength, arm = _parallel(made, known, old)
-    else:  # a column for each
+    else:  # one column for each stiffness and each strength
         zero, endless, arm = np.zeros(len(pairs)), np.full(len(pairs), UNBREAKABLE), made.bonds.arm[old:]
         stiffness = np.stack([known.get(name, zero) for name in ("kn", "ks", "kb", "kw")], axis=1)
         loads = ("tension", "shear", "bending", "twisting")
@@ -85,7 +85,7 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
     failed = np.zeros(len(pairs), np.int8)
     if "pb_state" in known:
         broken = known["pb_state"] < BONDED
-        failed[broken] = known["pb_state"][broken].astype(np.int8)  # as in `FAILURES`
+        failed[broken] = known["pb_state"][broken].astype(np.int8)  # numbered as in `FAILURES`
     new = {
         "stiffness": stiffness, "strength": np.minimum(strength, UNBREAKABLE), "arm": arm, "intact": ~broken,
         "failed": failed, "form": np.full(len(pairs), BY_BEAM, np.int8),
@@ -111,10 +111,10 @@ def _check_values(path: Path, known: dict[str, np.ndarray]) -> None:
 
 
 def _numbers(path: Path, known: dict[str, np.ndarray], n: int, of_pfc: bool) -> tuple[np.ndarray, list[str]]:
-    """(K, 2) rows of the grains, from 0, and an assumption if the file may count from 0 or from 1."""
+    """(K, 2) rows of the bonded grains, from 0, and an assumption if the file may count from 0 or from 1."""
     ends = np.stack([known["i"], known["j"]], axis=1)
     if not len(ends) or not (ends == np.round(ends)).all():
-        raise PackingError(f"{path} lists no pairs of grains: i and j must be whole numbers, the rows of grains from 0")
+        raise PackingError(f"{path} lists no pairs of grains: i and j must be whole numbers, which count grains from 0")
     unknown = bool(ends.min() >= 1 and ends.max() < n)
     start = int(of_pfc if unknown else ends.min() >= 1)  # PFC counts from 1
     if not (ends.min() >= start and ends.max() < n + start):

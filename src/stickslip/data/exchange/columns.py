@@ -27,21 +27,21 @@ from ..sample import COLUMNS, Absent, Assumption, Obstacle, PackingError, accept
 HEAD = 2**14  # number of bytes at the beginning of a file that identify its format
 FEW_DIGITS, SAMPLED = 9, 3000  # largest number of digits that counts as few, and number of words examined
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
-MOST_DIGITS = 12  # largest number of digits in a number of grains
+MOST_DIGITS = 12  # largest number of digits of a count of grains
 LONGEST_LINE = 60  # length of lines quoted in messages [characters]
-DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)  # errors of compressed files
+DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)  # errors raised for damaged compressed files
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
 
 class ListedBonds(NamedTuple):
-    """Bonds as listed in a file, each once; their laws follow from the commands of the run."""
+    """Bonds listed in a file, each once; the commands of the run define their laws."""
 
     i: np.ndarray  # (K,) grain, less than j
     j: np.ndarray  # (K,)
     kind: np.ndarray  # (K,) type from 1; others are broken or turned off
     source: str  # name of the file
     labels: dict[str, str]  # types by their labels
-    length: np.ndarray | None = None  # (K,) length at rest, zero where unknown; None: not in any file [length]
+    length: np.ndarray | None = None  # (K,) length at rest, zero where unknown; None: no file contains it [length]
     direction: np.ndarray | None = None  # (K, 3) as in `Bonds`; None: grains have no orientations
     turn: np.ndarray | None = None  # (K, 4) as in `Bonds`; None: grains have no orientations
     weights: tuple[float, ...] = ()  # three weights of special_bonds for contacts; empty if not in the file
@@ -58,7 +58,7 @@ class Packing(NamedTuple):
     types: np.ndarray | None = None  # (N,) types from 0, which are rows of the law's table
     force: np.ndarray | None = None  # (N, 3) resultant on each grain [force]
     state: State | None = None  # complete state with its memory
-    setting: Callable[[State], State] | None = None  # adds walls and loads to the grains
+    setting: Callable[[State], State] | None = None  # function that adds walls and loads to the grains
     memory: tuple | None = None  # `Restart`, which holds the memory of contacts
     law: Law | dict | None = None  # law, or options of `law_by_name`
     labels: dict[str, int] | None = None  # types of atoms by their labels, from 1
@@ -84,13 +84,13 @@ def _zstandard(path: Path):
             continue
     raise PackingError(
         f"{path} is compressed with Zstandard, which Python reads from version 3.14 on: decompress it with "
-        f"`unzstd {shlex.quote(path.name)}`, or `pip install zstandard`"
+        f"`unzstd {shlex.quote(path.name)}`, or run `pip install zstandard`"
     )
 
 
 def read_content(path: Path, size: int = -1) -> bytes:
     """Bytes of a file, decompressed if necessary; at most `size` of them unless `size` is negative."""
-    # function that opens the compressed file; None for others
+    # function that opens the compressed file; None if the file is not compressed
     start = _read(path, 6)
     mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
     opener = None if mark is None else COMPRESSED[mark] or _zstandard(path).open
@@ -124,7 +124,7 @@ def read_lines(path: Path, fallback: str | None = None) -> str:
     remedy = "give a text file, or a binary one that is listed in `stickslip docs exchange`"
     with refusing():
         text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
-    if text and not text.endswith("\n"):  # a truncated number would be read as a number
+    if text and not text.endswith("\n"):  # a truncated number would still be a number
         raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no newline")
     return text
 
@@ -152,7 +152,7 @@ def only_state(path: Path, frame: str | None) -> None:
 
 
 def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
-    """Indices of the states to read among these names: all, one, or the last by default."""
+    """Indices of the states to read among those with these names: all, the chosen one or, by default, the last one."""
     if frame == "all":
         return list(range(len(names)))
     if frame is not None and frame not in names:
@@ -162,7 +162,7 @@ def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
 
 
 def choice_note(path: Path, names: list[str], frame: str | None, what: str) -> list[str]:
-    """Note that the last of several states is used, if none was chosen; `what` is the word for them."""
+    """Note that the last of several states is used if none was chosen; `what` is the noun for states in this note."""
     last = f"{path.name} has {len(names)} {what}: the last, {names[-1]}, is used; choose another with --frame"
     return [last] if frame is None and len(names) > 1 else []
 
@@ -170,13 +170,13 @@ def choice_note(path: Path, names: list[str], frame: str | None, what: str) -> l
 def split_frames(
     path: Path, frame: str | None, widths: Container[int], above: int, what: str, needed: str
 ) -> list[tuple[str, list[str]]]:
-    """Number and lines of the frames to read from a text in which each frame begins with its number of grains.
+    """Numbers and lines of the frames to read from a text in which every frame begins with its number of grains.
 
     Parameters
     ----------
     widths : allowed numbers of words in the first line of a frame
-    above : number of lines before those of the grains
-    what, needed : words for a frame and for its first line, in messages
+    above : number of lines of a frame before its first grain
+    what, needed : name of a frame, and requirement on its first line, in messages
     """
     lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
     while at < len(lines):
@@ -192,7 +192,7 @@ def split_frames(
 
 
 def digits_note(texts: Sequence[str]) -> list[str]:
-    """Note on positions with few digits; None if they have many."""
+    """Note on positions with few digits; empty if they have many."""
     most = max((len(re.sub(r"[eE].*|[-+.]", "", word).lstrip("0")) for word in texts[:SAMPLED]), default=FEW_DIGITS + 1)
     few = f"positions have at most {most} digits, but overlaps are small differences of positions; {ALL_DIGITS}"
     return [Absent(few)] if most <= FEW_DIGITS else []
@@ -222,12 +222,12 @@ KINDS = (
 )  # fmt: skip
 TIMES = ("time", "t", "step", "timestep", "frame", "times")
 VECTORS = {"position": PLACES, "velocity": MOTIONS, "spin": TURNS}
-LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # names of columns
+LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # columns of lengths
 LENGTHS |= {*SINGLE["radius"], *SINGLE["diameter"]}
 CLOSE = 1e-3  # relative tolerance for numbers with few digits
 NEEDED = "x y z (or x y, in a plane) and radius (or diameter)"
 UNIT = re.compile(r"[\[(](.*?)[\])]|[_ ](m|cm|mm|um|µm|μm|micron|nm)$", re.IGNORECASE)  # after the name of a column
-PHASES = 10  # kinds of grains in MFIX, each of one radius and density
+PHASES = 10  # largest number of kinds of grains in MFIX, each with one radius and density
 
 
 def plain_name(name: str) -> str:
@@ -239,8 +239,8 @@ def names_by_content(rows: np.ndarray) -> list[str] | None:
     """Names for unnamed columns of grains, from their content; None if no known layout fits.
 
     A first column that counts the rows, from 0 or 1, is read as ids, unless it may be the coordinate of grains in a
-    row. Eight columns, or six in a plane, are read as MFIX's particle_input.dat, version 1; any other six as lists of
-    PeGS2 and RigidLibrary.
+    row. Eight columns, or six for disks, are read as version 1 of MFIX's particle_input.dat. Any other six columns are
+    read as lists of PeGS2 and RigidLibrary.
     """
     count, width = rows.shape
     counts = count > 0 and rows[0, 0] in (0, 1) and bool((rows[:, 0] == rows[0, 0] + np.arange(count)).all())
@@ -251,7 +251,7 @@ def names_by_content(rows: np.ndarray) -> list[str] | None:
         return ["id", "x", "y", "radius"] if spread else ["x", "y", "z", "radius"]
     if width == 6 and (rows[:, :2] == np.round(rows[:, :2])).all() and np.isin(rows[:, 5], (-1, 0, 1)).all():
         return ["frame", "id", "x", "y", "radius", "edge"]
-    size = width // 2 - 1  # the first column of radius and density
+    size = width // 2 - 1  # index of the column of radii; densities are in the next one
     if width in (6, 8) and (sizes := rows[:, size : size + 2]).min(initial=1.0) > 0:
         names = [*"xyz"[:size], "radius", "density", *("vx", "vy", "vz")[:size]]
         return names if len(np.unique(sizes, axis=0)) <= PHASES else None
@@ -264,7 +264,7 @@ def is_matlab(path: Path) -> bool:
 
 
 def identify_columns(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns by the names used here, vectors (N, 2) or (N, 3), others (N,); and the names of unused columns."""
+    """Columns under the names used here, vectors as (N, 2) or (N, 3), others as (N,); and names of unused columns."""
     plain = {plain_name(name): np.asarray(value) for name, value in columns.items()}
     out, taken = {}, set()
     for noun, names in SINGLE.items():
@@ -281,7 +281,7 @@ def identify_columns(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarr
 
 
 def _find_vector(plain: dict[str, np.ndarray], prefixes) -> tuple[np.ndarray | None, list[str]]:
-    """Vector from one column with two or three components, or from a column for each, and the names of these."""
+    """Vector from one column with two or three components, or from a column for each, and the names of the columns."""
     for prefix in prefixes:
         whole = plain.get(prefix)
         if whole is not None and whole.ndim == 2 and whole.shape[1] in (2, 3):
@@ -297,7 +297,7 @@ def _find_vector(plain: dict[str, np.ndarray], prefixes) -> tuple[np.ndarray | N
 def packing_of_columns(
     columns: dict[str, np.ndarray], what: str, name: str = "", further: Sequence[str] = (), **more
 ) -> Packing:
-    """Packing from columns of a file named `what`, with further notes, and more entries of `Packing.arrays`.
+    """Packing from the columns of a file, which messages call `what`, with further notes and more arrays.
 
     Raises
     ------
@@ -329,7 +329,7 @@ def packing_of_columns(
         rest = [name for name in rest if name != turn]
     if kind := _column_of(KINDS, rest, columns):
         kinds, rest = np.asarray(columns[kind]), [name for name in rest if name != kind]
-        counted = (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0  # from 0
+        counted = (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0  # numbered from 0
         known["types"] = kinds.astype(np.int64) if counted else np.unique(kinds, return_inverse=True)[1]
     ids = known.get("id")
     if ids is not None and not (len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all()):
@@ -374,9 +374,9 @@ def _column_of(names: tuple[str, ...], rest: list[str], columns: dict[str, np.nd
 
 
 def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]) -> list[str]:
-    """Account of the columns, and notes on unknown ones.
+    """Account of the columns of a file, and notes on unknown ones.
 
-    Columns of zeros have no effect; accelerations that differ between grains include those due to contacts.
+    Columns of zeros count as harmless. So do accelerations that differ between grains, as contacts contribute to them.
     """
     groups = {name: USED for name in columns if name not in rest}
     for name in rest:
@@ -390,7 +390,7 @@ def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]
 def contradictions(what: str, known: dict[str, np.ndarray], dim: int = 3) -> list[str]:
     """Notes on radii and masses that contradict the diameters and densities of the same grains.
 
-    A common factor of all grains, such as another unit of density, does not change the sign of an eigenvalue.
+    A factor that all grains share, such as another unit of density, does not change the sign of an eigenvalue.
     """
     radius = known["radius"] if "radius" in known else known["diameter"] / 2
     if not len(radius):

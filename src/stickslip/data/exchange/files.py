@@ -74,7 +74,7 @@ class Format(NamedTuple):
     recognize: Callable[[bytes], bool]
     read: Callable[..., list[Packing]]
     of_lammps: bool = False  # whether the options for LAMMPS files apply
-    packs: bool = True  # whether files compressed as a whole are read
+    packs: bool = True  # whether files that are compressed as a whole can be read
 
 
 _here = partial(lazy_function, __package__)  # modules of formats are imported on demand
@@ -110,7 +110,7 @@ def is_measured(path: Path, contacts: Path | None) -> bool:
 def find_format(path: Path) -> Format:
     """Format of a file; raise PackingError, with the first lines of the file, if it is unknown."""
     head = read_content(path, HEAD)
-    of_wings = [  # tried before those of the laboratory
+    of_wings = [  # tried before the formats of the package
         Format(one.name, partial(re.match, one.start), partial(_read_by_wing, wing, one), packs=False)
         for wing in wings().values() for one in wing.formats if one.start and one.read
     ]  # fmt: skip
@@ -129,7 +129,7 @@ def find_format(path: Path) -> Format:
 def _read_by_wing(wing: Wing, form: FileFormat, path: Path, frame: str | None = None) -> list[Packing]:
     try:
         frames = dict(wing.function(form.read)(path))
-    except Exception as problem:  # third-party code
+    except Exception as problem:  # code of third parties may raise any exception
         said = str(problem) or type(problem).__name__
         raise PackingError(
             f"{path} cannot be read as {form.name} ({said}): the file is damaged, or its wing is faulty"
@@ -155,7 +155,7 @@ def _write_by_wing(wing: Wing, form: FileFormat, path: Path, frames: list[Frame]
 
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
-SHOWN = (".vtu", ".graphml")  # formats whose lines and edges show bonds
+SHOWN = (".vtu", ".graphml")  # formats in which lines or edges show bonds
 SERIES = {".gsd": write_gsd, ".vtu": _here("vtk_file.write_vtk")}
 SERIES |= dict.fromkeys((".xyz", ".extxyz"), _here("table_file.write_xyz"))
 SINGLE = {".npz": write_npz, ".csv": _here("table_file.write_csv"), ".graphml": write_graph}
@@ -163,14 +163,14 @@ SINGLE |= dict.fromkeys(LAMMPS_DATA, _here("lammps_text.write_lammps"))
 LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
 WHOLE = ("coulomb", "young", "poisson", "damping", "tension")  # options that a complete law contains
-OPTIONS = {  # options of `read_packing`, except numbers, which laws check
+OPTIONS = {  # types of the options of `read_packing`, except numbers, which laws check
     "law": str | Path | Law, "coulomb": str, "damping": str, "tension": bool, "parameters": dict, "i0": float,
     "contacts": str | Path, "columns": str, "boundary": str, "atom_style": str,
 }  # fmt: skip
 
 
 def written() -> tuple[str, ...]:
-    """File extensions of the formats that are written."""
+    """File extensions of the formats that can be written."""
     return (*SINGLE, *ARCHIVE, *SERIES, *writers_of_wings())
 
 
@@ -189,7 +189,7 @@ class Reading(NamedTuple):
 
     @property
     def met(self) -> dict[str, list[str]]:
-        """Names in a foreign file by group: used, without influence on forces, and unknown."""
+        """Names in a foreign file, grouped into those that are used, without influence on forces, or unknown."""
         return account_of(self.notes)
 
 
@@ -219,8 +219,8 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
 
         if of_lammps:
             raise PackingError(
-                f"{', '.join(of_lammps)} does not apply to the folder {path}, whose files contain it: give one of "
-                "these files"
+                f"{', '.join(of_lammps)} does not apply to the folder {path}, whose files contain this information: "
+                "give one of these files"
             )
         packing, contacts = read_folder(path, None if frame == "all" else frame)
         if contacts and packing.law is None and not given and file_law is None:
@@ -248,7 +248,7 @@ def _build(
     path: Path, packing: Packing, given: dict, own: Law | None, i0: float | None,
     contacts: str | Path | None, columns: str | None = None,
 ):  # fmt: skip
-    """Name, state, law and notes of a packing under the given options, and with the contacts of a `dump local`.
+    """Name, state, law and notes of a packing, built with the given options and the contacts of a `dump local`.
 
     Memory is unchanged if the law stays the same; otherwise slip is truncated at the limit of the new law.
     """
@@ -299,13 +299,13 @@ def build_state(packing: Packing, pairs: "Pairs | None", law: Law) -> tuple[Stat
 
 
 def chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
-    """The given law, or that of the packing with the given parameters; without either, the default law."""
+    """The given law, or the packing's law with the given parameters, or else the default law."""
     its = packing.law
     numbers = isinstance(its, Law) and own is None and {*given} <= {*parameter_names(its)}
     if numbers:
         return with_values(its, **given)
     law = own or lammps_law(its | given if isinstance(its, dict) else given, memory=memory)
-    if packing.setting and isinstance(its, Law):  # types and walls, each a material
+    if packing.setting and isinstance(its, Law):  # every type of grain and every wall is a material
         law = law._replace(table=np.tile(law.table[:1, :1], (len(its.table), len(its.table), 1)))
     return law
 
@@ -315,7 +315,7 @@ def packing_units(path: str | Path) -> Units | None:
     """Units named in a packing or a run folder; None if there are none.
 
     In an .npz file, the entry `units` contains "SI", or names of length, mass and time as in "mm, g, s". Archives store
-    the units of the scenario. `units_in_use` prints numbers in them.
+    the units of the scenario. `units_in_use` prints numbers in these units.
 
     Examples
     --------
@@ -371,7 +371,7 @@ def lammps_law(given: dict, *, memory: bool) -> Law:
 
 
 def with_inertia(state: State, i0: float | None) -> State:
-    """State with the moments of inertia I0 m R²; unchanged without I0."""
+    """State whose grains have the moments of inertia i0 m R²; unchanged if `i0` is None."""
     if i0 is None:
         return state
     if not (i0 > 0 and i0 < float("inf")):
@@ -428,12 +428,12 @@ def _write(path: Path, suffix: str, frames: list[Frame]) -> list[str]:
     if suffix not in (*SINGLE, *ARCHIVE):
         return (writers_of_wings() | SERIES)[suffix](path, frames)
     if any(frame.moving for frame in frames):
-        raise PackingError(f"an animation cannot be written as {suffix}: write {', '.join(SERIES)}")
+        raise PackingError(f"an animation cannot be written as {suffix}: use {', '.join(SERIES)}")
     if suffix in ARCHIVE:
         return write_archive(path, frames)
     if len(frames) > 1:
         raise PackingError(
-            f"{len(frames)} states cannot be written as {suffix}, which stores one: choose one with --frame, or write "
+            f"{len(frames)} states cannot be written as {suffix}, which stores one: choose one with --frame, or use "
             f"{', '.join((*SERIES, ARCHIVE[0]))}"
         )
     return SINGLE[suffix](path, frames[0])

@@ -24,9 +24,11 @@ PIXELS = ("px", "pix", "pixel", "pixels")
 NEEDED, FORCES = ("i", "j", "fn", "ft"), ("fn", "ft", "fnerror", "fterror")
 OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # columns of grains, named as by `plain_name`
 FRAMES = ("frame", "step", "timestep", "time")
-WIDEST = 1.0  # gap or overlap of grains in contact, over the smaller radius
-FAR = 5.0  # errors beyond which a measurement is impossible
-OPPOSITE = 0.05  # remaining fraction of the mean square below which both readings of contacts count as opposite
+WIDEST = 1.0  # largest gap or overlap of grains in contact, over the smaller radius
+FAR = 5.0  # number of standard errors beyond which a negative normal force is impossible
+# readings of contacts at both grains are opposite if the mean square of their averages, over that of half their
+# differences, is below this
+OPPOSITE = 0.05
 FEW = 0.1  # largest fraction of contacts that may pull if errors are unknown
 SIGNED = 10  # number of tangential forces whose common sign is unlikely to be due to chance
 NAMELESS_GRAINS = {
@@ -35,7 +37,7 @@ NAMELESS_GRAINS = {
 }  # fmt: skip
 NAMELESS_CONTACTS = {4: ["i", "j", "fn", "ft"], 5: ["frame", "i", "j", "ft", "fn"]}
 BONDS = ["i", "j", "slides", "ft", "fn"]  # columns of RigidLibrary, whose third column has flags
-MATRICES = ("Norm", "Tan")  # in file names of RigidLibrary's matrices of normal and tangential forces
+MATRICES = ("Norm", "Tan")  # parts of the file names of RigidLibrary's matrices of normal and tangential forces
 ALIASES = {
     "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "particleid", "body1", "a"),
     "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "neighborid", "b"),
@@ -49,7 +51,7 @@ VECTORS = ("f", "ft")  # total and tangential force on the first grain
 
 
 def is_table_of_forces(grains: Path, contacts: Path) -> bool:
-    """Return True for a table of contacts with normal forces or, with a table of grains, for other lists of forces."""
+    """Return True for a table with a column of normal forces, or another list of forces beside a table of grains."""
     text = head_text(read_content(contacts, HEAD))
     if text.startswith("ITEM: TIMESTEP"):
         return False
@@ -175,7 +177,7 @@ def _first_line(path: Path) -> str:
 
 
 def _matrices_of(path: Path, grains: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Contacts from two RigidLibrary matrices (N, N): normal forces and, in the file beside it, tangential forces."""
+    """Contacts from two RigidLibrary matrices (N, N) in one folder: that of normal and that of tangential forces."""
     normal, tangential = MATRICES
     if normal not in path.name:
         raise PackingError(
@@ -206,7 +208,7 @@ def _check_units(path: Path, columns: dict[str, np.ndarray]) -> None:
     units = {name: match[1].strip() for name in columns if (match := re.search(r"[\[(](.*?)[\])]", name))}
     for name, unit in units.items():
         if unit.lower() in PIXELS:
-            raise PackingError(f"{path} has {name!r} in pixels: give lengths in the unit of length of the law")
+            raise PackingError(f"{path} has {name!r} in pixels: give lengths in the law's unit of length")
     forces = sorted({unit for name, unit in units.items() if _contact_name(name) in (*FORCES, "fx", "fy", "fz")})
     if len(forces) > 1:
         raise PackingError(f"{path} has forces in {' and '.join(forces)}: give them in one unit")
@@ -282,12 +284,12 @@ def _join(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[st
 
 
 def _place(path: Path, grains: dict, notes: list[str]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Rows of grains without missing numbers, and the ids of the remaining grains."""
+    """Rows of grains without missing numbers, and the ids of grains with missing numbers."""
     known, rest = identify_columns(grains)
     whole = np.all([np.isfinite(values) for name, values in grains.items() if name not in rest], axis=0)
     ids = known.get("id", np.zeros(0))
     if not whole.all() and not len(ids):
-        raise PackingError(f"{path} has incomplete rows and no column id: add it, or remove these rows")
+        raise PackingError(f"{path} has incomplete rows and no column id: add this column, or remove these rows")
     if not whole.all():
         notes.append(f"grains with incomplete rows in {path.name} are left out: {(~whole).sum()}")
     kept = ids[whole] if len(ids) else ids
@@ -313,7 +315,7 @@ def _finite_rows(forces: dict, contacts: Path, notes: list[str]) -> dict[str, np
 
 
 def _parts(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, ids, notes: list[str]):
-    """Normal forces (C,), and tangential forces, (C,) in a plane or vectors on the first grain (C, 3)."""
+    """Normal forces (C,), and tangential forces: (C,) in a plane, otherwise vectors (C, 3) on the first grain."""
     dim = place.shape[1]
     branch = place[ends[0]] - place[ends[1]]
     length = np.linalg.norm(branch, axis=1)
@@ -380,7 +382,7 @@ def _average(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, 
         return out
     size = {}
     for a, values in (("n", along), ("t", across)):
-        half = (values - out[f"force_{a}"][row])[twice[row]]  # half the difference, for either sign
+        half = (values - out[f"force_{a}"][row])[twice[row]]  # half the difference of two readings
         if 2 * (out[f"force_{a}"][twice] ** 2).sum() < OPPOSITE * (half**2).sum():
             noun = "normal" if a == "n" else "tangential"
             raise PackingError(
@@ -409,9 +411,9 @@ def _pressing(contacts: Path, network: dict, ids: np.ndarray, notes: list[str]) 
     if unknown or (-force[pulls] > FAR * error[pulls]).any():
         i, j = (ids[network[name][c]] for name in ("pair_i", "pair_j"))
         raise PackingError(
-            f"{pulls.sum()} of {len(force)} contacts of {contacts} pull by more than errors explain, at most that of "
-            f"grains {i} and {j} with {-force[c]:.4g}: normal forces must press and be positive; check the order of "
-            "the columns"
+            f"{pulls.sum()} of {len(force)} contacts of {contacts} pull by more than errors explain, the contact of "
+            f"grains {i} and {j} most, by {-force[c]:.4g}: normal forces must press and be positive; check the order "
+            "of the columns"
         )
     notes.append(
         f"contacts with negative normal forces are left out: {pulls.sum()}, down to −{-force[c] / mean:.2g} times the "
@@ -421,7 +423,7 @@ def _pressing(contacts: Path, network: dict, ids: np.ndarray, notes: list[str]) 
 
 
 def _near(contacts: Path, network: dict, place: np.ndarray, radius: np.ndarray, notes: list[str]) -> dict:
-    """Drop contacts whose grains are far apart, such as mistaken ones, if they are few; if there are many, keep all."""
+    """Drop contacts between distant grains, such as mistaken contacts, if there are few; otherwise keep them all."""
     i, j = network["pair_i"], network["pair_j"]
     gap = np.linalg.norm(place[i] - place[j], axis=1) - radius[i] - radius[j]
     share = np.abs(gap) / np.minimum(radius[i], radius[j])

@@ -13,10 +13,10 @@ from ..sample import PackingError, naming
 from .columns import is_matlab, only_state
 from .force_lists import NEEDED, WIDEST, frames_of_lists, read_lists
 
-SAID = 0.05  # gaps above which a note states their size
-SLIGHT = 0.01  # mean tangential over mean normal force below which their sign has no effect
-CLEAR = 1.2  # ratio of two imbalances above which the smaller one shows the sign of tangential forces
-PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
+SAID = 0.05  # largest gap, over the smaller radius, that is not mentioned in a note
+SLIGHT = 0.01  # mean tangential over mean normal force below which the sign of tangential forces does not matter
+CLEAR = 1.2  # ratio of the imbalances for both signs of tangential forces above which the smaller one is conclusive
+PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain in PeGS files
 
 
 Unknown = Annotated[Any, Array((0, 1), finite=False)]  # errors, NaN where unknown
@@ -39,7 +39,7 @@ class MeasuredForces(NamedTuple):
     position_error: np.ndarray  # (N,) error of each coordinate; NaN: unknown [length]
     force_n_error: np.ndarray  # (C,) NaN: unknown [force]
     force_t_error: np.ndarray  # (C,) NaN: unknown [force]
-    ids: np.ndarray  # (N,) grain numbers in messages
+    ids: np.ndarray  # (N,) grain numbers for messages
     notes: list[str]
 
     def check_entries(self) -> None:
@@ -89,7 +89,7 @@ def measured_forces(
     held : grains that need not balance, such as those at walls whose forces were not measured
     load : as `position`, external forces such as weights [force]
     position_error, force_n_error, force_t_error : float, (N,) or (C,), standard deviations; NaN if not known
-    ids : (N,) grain numbers in messages, default from 0
+    ids : (N,) grain numbers for messages, by default from 0
 
     Raises
     ------
@@ -133,12 +133,12 @@ def unit_branches(m: MeasuredForces) -> np.ndarray:
 
 
 def _check_contacts(m: MeasuredForces) -> None:
-    """Raise PackingError without contacts, and for impossible numbers or contacts: twice, pulling, or far apart."""
+    """Raise PackingError without contacts, or if numbers or contacts are impossible: repeated, pulling or far apart."""
     n = len(m.radius)
     if not len(m.pair_i):
         raise PackingError(f"measured contact forces are missing: give {' '.join(NEEDED)}")
     if not 0 <= m.ends.min() <= m.ends.max() < n:
-        raise PackingError(f"contacts name grains {m.ends.min()} to {m.ends.max()}: use 0 to {n - 1}")
+        raise PackingError(f"contacts name grains {m.ends.min()} to {m.ends.max()}: use numbers from 0 to {n - 1}")
     for name in ("position", "radius", "load", "force_n", "force_t"):
         if not np.isfinite(getattr(m, name)).all():
             raise PackingError(f"{name} contains NaN or infinity: every entry must be a finite number")
@@ -169,30 +169,31 @@ def _check_contacts(m: MeasuredForces) -> None:
 def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: str | None = None) -> MeasuredForces:
     """Read measured positions and contact forces from two tables or a PeGS file.
 
-    Tables are text. Grains: x, y, radius, for spheres also z; optional id, fixed (1: held, 0: free), edge (held if
-    not 0), load_x, load_y, load_z, position_error. Contacts: i and j (ids, or rows from 0), fn, ft (positive if it
-    turns both grains from x to y); optional fn_error, ft_error. The force on grain i, fx, fy, fz, may replace fn and
-    ft, and its tangential part, tx, ty, tz, may replace ft; spheres need one of these. Units in brackets, as in "fn
-    [N]", are not converted: give all lengths in one unit, all forces in one, and the law in the same units.
+    Tables are text. Columns of grains are x, y, radius, for spheres also z, and optionally id, fixed (1: held, 0:
+    free), edge (held if not 0), load_x, load_y, load_z, position_error. Columns of contacts are i and j (ids, or rows
+    from 0), fn, ft (positive if it turns both grains from x to y), and optionally fn_error, ft_error. The force on
+    grain i, fx, fy, fz, may replace fn and ft, and its tangential part, tx, ty, tz, may replace ft; spheres need one of
+    these. Units in brackets, as in "fn [N]", are not converted: give all lengths in one unit, all forces in one unit,
+    and the law in the same units.
 
-    Unnamed columns are read as lists of PeGS2 and RigidLibrary: frame, id, x, y, radius, edge, and frame, i, j, ft, fn;
-    or x, y, radius and i, j, fn, ft; or i, j, a flag, ft, fn. For matrices (N, N) of RigidLibrary, give that of normal
-    forces, with that of tangential forces in the same folder. Negative numbers are walls, whose contacts are left out;
-    grains in contact with them are held. Forces of contacts listed for both grains are averaged, and the root mean
-    square of half the differences is their error. Contacts whose normal
-    force is negative by less than five times its error are left out.
+    Tables without names of columns are read as lists of PeGS2 and RigidLibrary. Their columns are frame, id, x, y,
+    radius, edge, or x, y, radius for grains, and frame, i, j, ft, fn, or i, j, fn, ft, or i, j, a flag, ft, fn for
+    contacts. For matrices (N, N) of RigidLibrary, give that of normal forces, and put that of tangential forces into
+    the same folder. Negative grain numbers stand for walls, whose contacts are left out; grains in contact with walls
+    are held. The two forces of a contact listed for both grains are averaged, and the root mean square of half the
+    differences is their error. Contacts whose normal force is negative by less than five times its error are left out.
 
     PeGS files contain the structure `particle` (`pres` in version 1): x, y, r in pixels, rm in metres, and for each
     grain its neighbours, forces in newtons, and angles alphas. They are read in SI units; y points down as in the
     image. A grain with a wall among its neighbours is held. Each contact is measured at both grains: forces are
-    averaged, and the root mean square of half the differences is their error. Contacts found at one grain only, or that
-    do not press, are left out.
+    averaged, and the root mean square of half the differences is their error. Contacts that were found at one grain
+    only, or that do not press, are left out.
 
     Parameters
     ----------
     path : table of grains, or .mat
     contacts : table of contacts; not with .mat
-    frame : frame of tables with a column frame, the last by default
+    frame : frame to read from tables that have a column frame, by default the last
 
     Raises
     ------
@@ -227,7 +228,7 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
 
 
 def _notes_on_sign(m: MeasuredForces) -> list[str]:
-    """Note if forces on free disks balance better, or no worse, with the opposite sign of tangential forces."""
+    """Note for free disks whose forces do not balance better with the tangential forces as read than with −ft."""
     inner = m.free & (np.bincount(m.ends.ravel(), minlength=len(m.radius)) > 1)
     mean = m.force_n.mean()
     if m.dim == 3 or not inner.any() or np.abs(m.force_t).mean() < SLIGHT * mean:
@@ -236,7 +237,7 @@ def _notes_on_sign(m: MeasuredForces) -> list[str]:
     turned = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
 
     def imbalance(sign: float) -> float:
-        """Root mean square of the sums of forces, in mean forces."""
+        """Root mean square of the sums of forces on grains, over the mean force."""
         total, force = m.load.copy(), m.force_n[:, None] * normal + sign * m.force_t[:, None] * turned
         np.add.at(total, m.pair_i, force)
         np.add.at(total, m.pair_j, -force)

@@ -43,13 +43,13 @@ class Frame(NamedTuple):
     law: Law
     grains: dict[str, np.ndarray]  # derived columns per grain, (N,) or (N, 3)
     contacts: dict[str, np.ndarray]  # columns per touching contact, (M,) or (M, 3), including i, j, image and branch
-    turned: np.ndarray | None = None  # (N, 3) rotation since the first frame [rad]; None if known only in the plane
+    turned: np.ndarray | None = None  # (N, 3) rotation since the first frame [rad]; None if only plane angles are known
     moving: bool = False  # True in an animation of a mode, which is not a state to continue from
     assumed: tuple[str, ...] = ()  # assumptions about the packing
 
 
 def exported(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns under the names used in files, where a plain `force` or `torque` could be an external one."""
+    """Columns under the names used in files, in which a plain `force` or `torque` might seem to be an external one."""
     return {f"contact_{name}" if name in ("force", "torque") else name: column for name, column in columns.items()}
 
 
@@ -91,10 +91,11 @@ def unbonded(frame: Frame) -> Frame:
 
 
 def with_bonds(frame: Frame) -> dict[str, np.ndarray]:
-    """Columns of contacts, then of bonds; without bonds those of contacts alone.
+    """Columns whose rows are contacts, followed by bonds if there are any.
 
     The column `bond` is 0 for contacts, 1 for bonds and 2 for broken ones, and `failed` is the index in `FAILURES` of
-    the load that broke them. Where grains touch, the contact has the sum of both forces, and the bond has none.
+    the load that broke them. Where bonded grains touch, the row of the contact has the sum of both forces, and that of
+    the bond has none.
     """
     state, c = frame.state, frame.contacts
     if not state.bonds:
@@ -145,7 +146,7 @@ def law_from_dict(about: dict) -> Law:
 
 
 def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors and corner of a box with all grains: the cell along periodic directions, just large enough along others.
+    """Vectors and corner of a box that contains all grains: the cell along periodic directions, tight along others.
 
     Returns
     -------
@@ -291,9 +292,9 @@ def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
     Returns
     -------
     networkx.MultiGraph
-        Nodes are bodies, walls after grains, with `wall`, `radius`, x, y, z [length]. Edges are contacts, several
-        between grains that touch through different images, with `force_n`, `force_t` [force] and `slides`. In a
-        cemented packing, bonds are also edges, and `bond` is 0 for contacts, 1 for bonds and 2 for broken bonds
+        Nodes are bodies (walls after grains) with the attributes `wall`, `radius`, x, y, z [length]. Edges are contacts
+        with `force_n`, `force_t` [force] and `slides`; grains that touch through several images have several edges. In
+        a cemented packing, bonds are also edges, and `bond` is 0 for contacts, 1 for bonds and 2 for broken bonds
 
     Examples
     --------
@@ -315,7 +316,7 @@ def write_graph(path: str | Path, frame: Frame) -> list[str]:
 
 
 def _graph_of(frame: Frame) -> "networkx.MultiGraph":
-    """Graph of the columns of a frame."""
+    """Build the contact network from the columns of a frame."""
     graph, columns, state = require("networkx", "exchange").MultiGraph(), with_bonds(frame), frame.state
     n = len(state.grains.radius)
     places = [*state.grains.position.tolist(), *state.walls.point.tolist()]
@@ -343,7 +344,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     sources : named tuples or dictionaries whose arrays, sparse matrices and numbers are written under their names:
         `modes.equations_of_motion`, `quasirigid.linear_system`, `quasirigid.complementarity`; of `free` coordinates,
         only `mass`, `body` and `axis` are written
-    overwrite : whether files of the same names are replaced
+    overwrite : whether existing files with the same names are replaced
 
     Returns
     -------
@@ -358,8 +359,8 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     -----
     A sparse matrix `k` in `NAME.npz` consists of the arrays of its compressed rows:
     `scipy.sparse.csr_array((f["k.data"], f["k.indices"], f["k.indptr"]), shape=f["k.shape"])`. In Matrix Market files,
-    arrays of more than two dimensions are flattened to two, keeping the first; in both formats, bodies, contacts and
-    coordinates are numbered from 0.
+    arrays of more than two dimensions are flattened to two dimensions, of which the first is kept. In both formats,
+    bodies, contacts and coordinates are numbered from 0.
 
     Examples
     --------
@@ -389,7 +390,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     path.mkdir(exist_ok=True)
     for one, value in zip(paths, parts.values(), strict=True):
         with replace_atomically(one) as part, part.open("wb") as file:
-            if not _is_sparse(value):  # in two dimensions, with truth values as 0 and 1
+            if not _is_sparse(value):  # two-dimensional, with truth values as 0 and 1
                 value = value.astype(np.int64) if value.dtype.kind in "bu" else value
                 value = value.reshape(len(value) if value.ndim else 1, -1)
             mmwrite(file, value, precision=17, symmetry="general")
@@ -397,7 +398,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
 
 
 def check_name(path: Path) -> bool:
-    """Return True if the path is a single file, `NAME.npz`; raise ValueError if it is unsuitable."""
+    """Return True if the path denotes a single file, `NAME.npz`; raise ValueError if it is unsuitable."""
     flat = path.suffix.lower() == ".npz"
     if not flat and path.suffix:
         raise ValueError(f"expected NAME.npz, or a folder for Matrix Market files, got {path}")

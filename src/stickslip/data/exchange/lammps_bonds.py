@@ -1,11 +1,11 @@
-"""LAMMPS bonds: those listed in a file, and their laws from the commands of the run; bonds as text of a data file.
+"""Import LAMMPS bonds listed in a file, with laws from the commands of the run; write bonds as text of a data file.
 
 `bpm/spring` and `bpm/rotational` keep the length and the direction that each bond had when LAMMPS first evaluated it
-after `bond_style`; restart files contain them, data files and dumps do not. When LAMMPS reads a data file, it uses the
-present lengths and directions. `harmonic` has the energy K (r − r₀)², so its stiffness is 2K.
+after `bond_style`. Restart files contain this length and direction, but data files and dumps do not. When LAMMPS reads
+a data file, it uses the present lengths and directions. `harmonic` has the energy K (r − r₀)², so its stiffness is 2K.
 
-Source: LAMMPS documentation of `bond_style bpm/spring`, `bpm/rotational`, `harmonic` and `special_bonds`; the powers
-with which loads fade, 8 and 4, were measured with LAMMPS 2022 to 2025.
+Source: LAMMPS documentation of `bond_style bpm/spring`, `bpm/rotational`, `harmonic` and `special_bonds`; the
+exponents 8 and 4, with which loads fade, were measured with LAMMPS 2022 to 2025.
 """
 
 import re
@@ -32,13 +32,13 @@ STORED = ("id1", "id2", "time", "x", "y", "z", "x/ref", "y/ref", "z/ref")  # qua
 WEIGHTS = {"amber": "0 0 0.5", "charmm": "0 0 0", "dreiding": "0 0 1", "fene": "0 1 1"}  # special_bonds by keyword
 MOVING = ("displace_atoms", "change_box", "read_dump", "replicate")  # commands that move grains without a run
 RUNNING = ("run", "minimize", "rerun")
-COEFFICIENTS = {"harmonic": 2, "bpm/spring": 3, "bpm/rotational": 12}  # numbers of a bond_coeff
+COEFFICIENTS = {"harmonic": 2, "bpm/spring": 3, "bpm/rotational": 12}  # numbers of coefficients, by style
 REST = 1e-20  # energy of a bond at rest over k_n r₀²
 ENDLESS = 1e200  # strength above which a bond counts as unbreakable
 
 
 def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray, labels: dict[str, str]) -> ListedBonds:
-    """Bonds of a file, whose ends are ids; raise PackingError if a bond is impossible."""
+    """Bonds of a file whose `ends` are ids of grains; raise PackingError if a bond is impossible."""
     for a, b in ends[~np.isin(ends, ids).all(axis=1)][:1]:
         raise PackingError(
             f"{source} has a bond between atoms {a} and {b}, which are not both among its {len(ids)} atoms"
@@ -56,7 +56,7 @@ def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray,
 
 
 def note_on_bonds(bonds: ListedBonds, why: str = "") -> list[Obstacle]:
-    """Note on bonds without their laws, which a run folder would supply; `why` is the reason if there are commands."""
+    """Note that bonds were not imported; the reason is `why` or, by default, that their laws are in the run folder."""
     if not len(bonds.i):
         return []
     text = f"{pluralize(len(bonds.i), 'bond')} of {bonds.source} were not imported: "
@@ -66,8 +66,8 @@ def note_on_bonds(bonds: ListedBonds, why: str = "") -> list[Obstacle]:
 def bonds_of_data(head: str, listed: ListedBonds) -> Callable[[State], State] | None:
     """Return the function that adds the bonds of a data file with their laws to its state.
 
-    The laws are those of commands in comments of its header, as `format_bonds` writes them. Return None without such
-    comments, or if contacts of bonded grains do not act fully.
+    The laws come from commands in comments of the header, as `format_bonds` writes them. Return None if there are no
+    such comments, or if contacts between bonded grains do not act fully.
     """
     commands = re.findall(r"(?m)^# ((?:bond_style|bond_coeff|special_bonds) .*)$", head)
     told = replay([*(["", *line.split()] for line in commands), ["", "read_data", listed.source]])
@@ -87,14 +87,14 @@ class FormattedBonds(NamedTuple):
     """Bonds of a state as text of a data file."""
 
     before: list[str]  # commands that LAMMPS needs before `read_data`
-    after: list[str]  # commands that LAMMPS needs after it
+    after: list[str]  # commands that LAMMPS needs after `read_data`
     counts: list[str]  # lines of the header
     sections: list[str]
     notes: list[str]
 
 
 def format_bonds(state: State) -> FormattedBonds:
-    """Intact bonds, with a bond type for each law, and notes on data that the file does not store."""
+    """Text of intact bonds, with a bond type for each law, and notes on data that the file does not store."""
     bonds = state.bonds
     way = bond_vectors(bonds, state.grains.position, state.cell.vectors)
     apart = np.where(state.cell.periodic, way @ np.linalg.inv(state.cell.vectors), 0.0)
@@ -148,7 +148,7 @@ def format_bonds(state: State) -> FormattedBonds:
 
 
 def _bond_coefficients(bonds: Bonds, k: int, *, harmonic: bool) -> tuple:
-    """Style and coefficients of one bond; `harmonic` stores rest lengths and is not combined with other styles."""
+    """Style and coefficients of one bond; only `harmonic`, which excludes other styles, stores rest lengths."""
     stiffness, strength, damping = (part[k].tolist() for part in (bonds.stiffness, bonds.strength, bonds.damping))
     if bonds.form[k] == BY_STRETCH:
         length = float(bonds.length[k])
@@ -165,19 +165,19 @@ class Commands(NamedTuple):
     """Bonds at the end of a run, according to its commands."""
 
     style: list[str]  # bond style and its options; empty if there is none
-    place: str  # position of the style
-    coefficients: list[list[str]]  # words of bond_coeff since the style
+    place: str  # place of the command that sets the style
+    coefficients: list[list[str]]  # words of each bond_coeff after the style was set
     weights: list[str]  # factors of special_bonds for contacts of grains one, two and three bonds apart
     made: list[str]  # the commands create_bonds, with their places
     deleted: list[str]  # the commands delete_bonds, with their places
-    labels: dict[str, str]  # types by their labels
+    labels: dict[str, str]  # types by label
     strained: bool  # grains may have moved since LAMMPS first evaluated the bonds
     turned: bool  # grains may have turned before LAMMPS first evaluated the bonds
     origin: str  # data file with the positions at which LAMMPS first evaluated the bonds, or empty
 
 
 def replay(commands: Sequence[Sequence[str]]) -> Commands:
-    """Evaluate the commands that concern bonds; each begins with its position."""
+    """Evaluate the commands that concern bonds; the first word of each is its place in the log or script."""
     now = Commands([], "", [], ["0", "0", "0"], [], [], {}, strained=False, turned=False, origin="")
     first = True  # LAMMPS has not evaluated the bonds yet
     there = False  # there may be bonds
@@ -247,7 +247,7 @@ def with_lengths(bonds: ListedBonds, now: Packing, then: Packing) -> ListedBonds
 
 
 def laws_of_bonds(told: Commands, listed: ListedBonds) -> tuple[list[tuple], list[str]]:
-    """Arguments of `bonded_at_rest` after the state for each active type of bond, and the styles of these types.
+    """Arguments of `bonded_at_rest`, except the state, for each active type of bond, and the styles of these types.
 
     Raises
     ------
@@ -285,10 +285,10 @@ def _law_of(told: Commands, labels: dict[str, str], kind: int) -> tuple[str, Bon
     if row.group == HARMLESS:
         return style, None, None
     if not given:
-        raise ValueError(f"no bond_coeff gives bonds of type {kind} a law")
+        raise ValueError(f"no bond_coeff defines a law for bonds of type {kind}")
     numbers = [parse_number(word) for word in given[-1]]
     if len(numbers) != COEFFICIENTS[style]:
-        raise ValueError(f"{style} has {COEFFICIENTS[style]} coefficients, got {len(numbers)}: {' '.join(given[-1])}")
+        raise ValueError(f"{style} needs {COEFFICIENTS[style]} coefficients, got {len(numbers)}: {' '.join(given[-1])}")
     if not all(0 <= number < np.inf for number in numbers):
         raise ValueError(f"coefficients of {style} must be finite and not negative, got {' '.join(given[-1])}")
     if style == "harmonic":
@@ -315,7 +315,7 @@ def _bpm(style: str, options: list[str], numbers: list[float]) -> Bond:
     """Law of `bpm/spring` or `bpm/rotational`."""
     flags, k = {"break": True, "smooth": True, "normalize": False, "overlay/pair": False, "volume/factor": False}, 0
     while k < len(options):
-        if options[k] == "store/local":  # output only
+        if options[k] == "store/local":  # affects output only
             k += 3
             while k < len(options) and options[k] in STORED:
                 k += 1
@@ -341,7 +341,7 @@ def _bpm(style: str, options: list[str], numbers: list[float]) -> Bond:
 
 
 def notes_on_rest(told: Commands, listed: ListedBonds, acting: Sequence[str]) -> list[Assumption]:
-    """Notes on assumptions about bonds at rest."""
+    """Notes on assumptions about the rest configurations of bonds."""
     bpm = " and ".join(sorted({style for style in acting if style.startswith("bpm/")}))
     if bpm and listed.length is None and told.strained:
         how = (
@@ -358,7 +358,7 @@ def notes_on_rest(told: Commands, listed: ListedBonds, acting: Sequence[str]) ->
 def note_on_contacts(told: Commands, listed: ListedBonds, n: int, i: np.ndarray, j: np.ndarray) -> Assumption | None:
     """Note on contacts i–j of n grains that `special_bonds` removes or changes; None if it changes none.
 
-    This command affects grains that are one to three bonds apart. Restart files store its weights.
+    This command affects contacts of grains that are one to three bonds apart. Restart files store its weights.
     """
     weights = listed.weights or tuple(parse_number(word) for word in told.weights)
     if all(weight == 1 for weight in weights):

@@ -1,6 +1,6 @@
 """Commands of a LAMMPS run, from its log or input script, and the settings in force when its grains were written.
 
-Lines of a log are commands, runs, or reports between them.
+A log consists of commands, runs, and reports between them.
 """
 
 import re
@@ -23,7 +23,7 @@ LOOP = re.compile(r"Loop time of \S+ on \d+ procs(?: \([^)]*\))? for (\d+) steps
 VERSION, LATTICE, BONDS, MEMBERS = "(version)", "(spacing)", "(bonds)", "(members)"
 NAMED = re.compile(r"[a-z]\w*(/\w+)*(\s|$)")  # beginning of an unknown command
 TALKING = ("info", "package", "run", "minimize", "rerun")  # commands with arbitrary arguments
-QUOTES, MOST_QUOTED = '"""', 1000  # quotes of a text of several lines, and its largest number of lines
+QUOTES, MOST_QUOTED = '"""', 1000  # quotes around a text of several lines, and the largest number of these lines
 REPORTS = {  # reports that are treated as commands
     VERSION: HEAD, LATTICE: re.compile(r"Lattice spacing in x,y,z = (.*)"),
     BONDS: re.compile(r"\s+([1-9]\d* (?:bonds|angles|dihedrals|impropers))\s*$"),
@@ -63,7 +63,7 @@ def recognize_log(text: str) -> bool:
 
 
 def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Command | Block]:
-    """Commands and runs of files in the order in which they were written; each file has a name and a text."""
+    """Commands and runs of files in the order in which they were written; `texts` are names and texts of the files."""
     step: int | None = 0
     last: Command | None = None
     for source, text in texts:
@@ -91,7 +91,7 @@ def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Comm
 
 
 def _logical_lines(text: str, *, log: bool) -> Iterator[tuple[int, str]]:
-    """Number and content of each line, with its continuation lines: within triple quotes, or after & in a script."""
+    """Number and text of each line, joined with its continuation: within triple quotes, or after & in a script."""
     lines, k = text.split("\n"), 0
     while k < len(lines):
         first, whole, k = k, lines[k], k + 1
@@ -125,7 +125,7 @@ def _commands(
 
 
 def _answer_lines(line: str, after: Sequence[str]) -> int:
-    """Number of lines of text after a command `print`, in which variables may already have been replaced."""
+    """Number of lines that a command `print` wrote; variables in the command may already have been replaced."""
     found = re.search(r'print\s+(?:"""(.*?)"""|"([^"]*)"|\'([^\']*)\'|(\S+))', line, re.DOTALL)
     text = next((part for part in found.groups() if part is not None), "") if found else ""
     wanted = text.split("\n")
@@ -136,7 +136,7 @@ def _answer_lines(line: str, after: Sequence[str]) -> int:
 
 
 def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str]) -> tuple[Block, int]:
-    """A run that begins at a line, with the steps of its table if it has one, and the number of the next line."""
+    """Run that begins at a line, with the time steps of its table if there is one, and the number of the next line."""
     seen: list[int] = []
     column, width = None, 0
     while k < len(lines) and not HEAD.match(lines[k]):
@@ -160,20 +160,20 @@ def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str])
 
 LONGEST_LINE = 4096  # largest number of characters that the values of variables add to a line
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
-QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
+QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # texts in which LAMMPS replaces no variables
 # fixes that change the number of grains
 INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react")
 RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that change the number of grains
 COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
-COMBINED = ("union", "subtract", "intersect")  # groups composed of others
+COMBINED = ("union", "subtract", "intersect")  # styles of groups that are composed of other groups
 OPENING = ("include", "if", "jump", "python")  # commands that execute commands which are not in the script
-ABOUT_BONDS = (  # commands that change bonds, or lengths that may be those at rest
+ABOUT_BONDS = (  # commands that change bonds, or change lengths that may be rest lengths
     "bond_style", "bond_coeff", "special_bonds", "create_bonds", "delete_bonds", "labelmap", "read_data",
     "read_restart", "run", "minimize", "rerun", "displace_atoms", "change_box", "read_dump", "replicate", "set",
 )  # fmt: skip
 WRITING = ("write_restart", "write_data", "write_dump")
-NODES = {"sc": 1, "bcc": 2, "fcc": 4, "diamond": 8, "sq": 1, "sq2": 2}  # points of a lattice per cell, a cube or square
+NODES = {"sc": 1, "bcc": 2, "fcc": 4, "diamond": 8, "sq": 1, "sq2": 2}  # lattice points per cell, a cube or square
 BEGINNING = ("read_data", "read_restart")  # commands by which a run reads grains from a file
 FILING = (*WRITING, *BEGINNING, "restart", "dump")  # commands that name files of grains
 
@@ -195,7 +195,7 @@ class Dump(NamedTuple):
     names: dict[str, str]  # names of columns in LAMMPS by their names from `colname`
 
     def modified(self, command: str, words: Sequence[str]) -> "Dump":
-        """The dump after a command given by its words."""
+        """The dump after one more command, given as its words."""
         selection, names = self.selection, self.names
         for k, word in enumerate(words):
             if word == "thresh":
@@ -215,7 +215,7 @@ class Dump(NamedTuple):
 
 
 def _selection(command: str) -> str:
-    """Return a command that writes grains if its group is not all, otherwise an empty text."""
+    """Return a command that writes grains if it leaves grains out, otherwise an empty text."""
     return "" if command.split()[-1] == "all" else command
 
 
@@ -230,7 +230,7 @@ class Run(NamedTuple):
     regions: dict[str, Region]
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
     unknown: list[str]  # commands with an outcome, or with variables, that cannot be known here
-    acts: dict[str, str]  # sentences on unread commands that may exert or change forces, by key; the last one counts
+    acts: dict[str, str]  # latest sentence, by key, on unread commands that may exert or change forces
     places: dict[str, str]  # file and line of each fix, by id, and of the pair style
     met: dict[str, set[str]]  # first words of commands, by their group
     labels: dict[str, int]  # types of atoms by their labels
@@ -243,7 +243,7 @@ class Run(NamedTuple):
     place: int = 0  # position in the log or script at which the grains were written
 
     def numbers(self, words: Sequence[str]) -> list[str]:
-        """Words with labels of types replaced by their numbers."""
+        """Words in which labels of types are replaced by the numbers of these types."""
         return [str(self.labels.get(word, word)) for word in words]
 
     def steps(self) -> tuple[float, float] | None:
@@ -310,7 +310,7 @@ def _empty(source: str, year: int = 0) -> Run:
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
-    """Number of events up to the last command that wrote the state in a file, or up to the run that reached it.
+    """Number of events before a state: up to the last command that wrote it to `until`, or to the run that reached it.
 
     Only commands before a run affect files written during it. If several runs reached a time step, as after
     `reset_timestep`, the last one in which a command wrote the file counts.
@@ -324,7 +324,7 @@ def _end(events: list[Command | Block], until: str, step: int) -> int:
     if writes:
         return writes[-1] + 1
     runs = [k for k, event in enumerate(events) if isinstance(event, Block) and event.start is not None]
-    if not runs:  # the command `undump` that ended the dump
+    if not runs:  # the state was written before the command `undump` that ended its dump
         closed, name = 0, ""
         for k, event in enumerate(events):
             if _writes_dump(event, until):
@@ -344,7 +344,7 @@ def _end(events: list[Command | Block], until: str, step: int) -> int:
 
 
 def _open_in(events: list[Command | Block], name: str) -> set[int]:
-    """Positions of the runs in which a command `dump` or `restart` wrote a file."""
+    """Positions of the runs during which a command `dump` or `restart` was writing a file."""
     ids, series, places = set(), False, set()
     for k, event in enumerate(events):
         if isinstance(event, Block):
@@ -368,7 +368,7 @@ def means(word: str, name: str, *, series: bool = False) -> bool:
 
 
 def _writes_dump(event: Command | Block, name: str) -> bool:
-    """Return True for the command `dump` of a file."""
+    """Return True for the command `dump` that writes the named file."""
     words = event.words if isinstance(event, Command) else [""]
     return words[0] == "dump" and len(words) > 5 and bool(name) and fnmatchcase(name, Path(words[5]).name)
 
@@ -382,7 +382,7 @@ def read_lines_of(path: Path) -> str:
 
 
 def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) -> Run:
-    """Run with the settings after one more command; `values` are those of variables, already replaced in a log."""
+    """Run with the settings after one more command; `values` are those of variables, which logs already contain."""
     words = command.words
     if words[0] == "variable" and len(words) > 3:
         values |= _value(words, values)
@@ -409,7 +409,7 @@ def numbers_in(words: Sequence[str]) -> list[float]:
 
 
 def _value(tokens: Sequence[str], values: dict[str, str]) -> dict[str, str]:
-    """Value of a variable that is known without running LAMMPS."""
+    """Value of a variable by its name, if it is known without running LAMMPS."""
     name, style, first = tokens[1], tokens[2], _substitute(tokens[3], values).strip('"')
     if style in ("index", "string") and name not in values:
         return {name: first}
@@ -417,7 +417,7 @@ def _value(tokens: Sequence[str], values: dict[str, str]) -> dict[str, str]:
 
 
 def _substitute(line: str, values: dict[str, str]) -> str:
-    """Line with the values of variables, unless it would become too long by nested variables."""
+    """Line with the values of variables in place of their names, unless nested variables would make it too long."""
     room = LONGEST_LINE
 
     def value(match: re.Match) -> str:
@@ -444,7 +444,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.groups.get(rest[-1], []).append(["count", rest[0]])
         return run
     run.met[group_of("command", key)].add(key)
-    if key in ABOUT_BONDS and rest[:1] != ["CPU"]:  # a report of the time that a command took
+    if key in ABOUT_BONDS and rest[:1] != ["CPU"]:  # not a report of the time that a command took
         run.bonds.append([place, *tokens])
     # groups whose members have different ids or types after the command
     retyped = key == "create_atoms" or (key == "set" and any(word.startswith("type") for word in rest[2:]))
@@ -461,7 +461,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         return run._replace(pair_style=[style, *rest[1:]], pair_coeff=kept)
     if key in FORCE_STYLES:
         row = find_row("style beside the pair style", plain_style(rest[0]) if rest else "none")
-        run.acts.pop(key, None)  # until another one replaces it
+        run.acts.pop(key, None)  # a new style replaces the previous one
         if row.group == UNKNOWN:
             run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not imported: {row.why}"
     elif group_of("command", key) == UNKNOWN:
@@ -497,7 +497,7 @@ def _set(run: Run, key: str, rest: list[str]) -> None:
         style, scale, settings = rest[0] if rest else "", (*numbers_in(rest[1:]), 0.0)[0], run.settings
         settings[LATTICE] = rest[1:2] * 3 if style == "none" else []  # other spacings may be in the next line of a log
         if style in NODES and len(rest) == 2 and scale > 0:
-            if settings.get("units", ["lj"]) == ["lj"]:  # a density
+            if settings.get("units", ["lj"]) == ["lj"]:  # the number is a density
                 scale = (NODES[style] / scale) ** (1 / (2 if settings.get("dimension") == ["2"] else 3))
             settings[LATTICE] = [repr(scale)] * 3
 
@@ -515,7 +515,7 @@ def _define(run: Run, key: str, rest: list[str], place: str) -> None:
         name, kind, *arguments = rest
         if kind == "clear":
             run.groups[name] = []
-        if kind in COMBINED:  # groups of which it is composed are kept in their present form
+        if kind in COMBINED:  # the groups of which it is composed are stored as they are now
             kept = {word: f"{word} {len(run.groups)}" for word in arguments if word != "all"}
             run.groups.update({new: list(run.groups.get(word, [["unknown"]])) for word, new in kept.items()})
             arguments = [kept.get(word, word) for word in arguments]
@@ -538,7 +538,7 @@ def _define_dump(run: Run, key: str, rest: list[str]) -> None:
 
 
 def types_in(word: str, most: int, what: str = "the type {}") -> range:
-    """Types up to `most` in a word such as 1, *, 2* or 1*3; ValueError, about `what`, for other words."""
+    """Types up to `most` selected by a word such as 1, *, 2* or 1*3; other words raise ValueError about `what`."""
     low, star, high = word.partition("*")
     if not (low + high).isdecimal() and low + high:
         raise ValueError(f"{what.format(word)} is neither a number nor a label in a labelmap")
@@ -547,7 +547,7 @@ def types_in(word: str, most: int, what: str = "the type {}") -> range:
 
 
 def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray | None, n: int) -> np.ndarray | None:
-    """(n,) bool, members of a group defined by type or id, or combined from such groups; None for others."""
+    """(n,) mask of the grains in a group defined by type or id, or combined from such groups; None for other groups."""
     if name == "all":
         return np.ones(n, bool)
     members = np.zeros(n, bool)

@@ -70,24 +70,24 @@ class Course:
         self.frozen, self.moved, self.turned = (np.zeros(self.n, bool) for _ in range(3))
         self.law: Law | None = None
         self.stored: list[float] = []  # coefficients in a restart file of the same run
-        self.bonds: list[tuple] = []  # arguments of `bonded_at_rest` after the state, for each type of bond
+        self.bonds: list[tuple] = []  # arguments of `bonded_at_rest`, except the state, for each type of bond
         self.met: dict[str, list[str]] = {USED: [], HARMLESS: [], UNKNOWN: []}
 
     def members(self, group: str) -> np.ndarray:
-        """(N,) bool, members of a group; raise ValueError if unknown."""
+        """(N,) mask of the grains in a group; raise ValueError if they are unknown."""
         if any(words[0] == "dynamic" for words in self.run.groups.get(group, ())[-1:]):
             raise ValueError(f"the members of group {group} change with time (`group {group} dynamic`)")
         mask = self.masks.get(group)
         mask = group_members(self.run, group, self.packing.ids, self.types, self.n) if mask is None else mask
         if mask is None:
             raise ValueError(
-                f"the members of group {group} are uncertain: they are known from restart files, or from commands "
-                "that select types or ids which do not change later"
+                f"the members of group {group} are uncertain: they are known only from restart files, or from "
+                "commands that select types or ids which do not change later"
             )
         return mask
 
     def wall_number(self, name: str) -> int:
-        """Index of a fix among the wall fixes, in whose order restart files store memory."""
+        """Index of a fix among the wall fixes; restart files store the memory of walls in this order."""
         return [key for key, tokens in self.run.fixes.items() if tokens[1].startswith("wall/gran")].index(name)
 
     def obstacle(self, text: str, about: str = "") -> None:
@@ -103,7 +103,7 @@ class Course:
         return np.stack([state.contacts.i[rows], state.contacts.j[rows]])
 
     def hold(self, group: str, axes: Sequence[int]) -> None:
-        """Hold components of the grains of a group; raise ValueError if they move."""
+        """Hold components of the motion of a group; raise ValueError if its grains are moving."""
         members = self.members(group)
         for name, first, how in (
             ("velocity", 0, f"velocities and would move on: `velocity {group} set 0 0 0` stops them"),
@@ -121,7 +121,7 @@ class Course:
 
 
 def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> None:
-    """Flat walls of `fix wall/gran`, each with its own row in the table of the law."""
+    """Import flat walls of `fix wall/gran`, each with a separate row in the table of the law."""
     number = course.wall_number(name)
     contact, (kind, *rest) = _wall_law(course, arguments)
     rest = rest[:-1] if rest[-1:] == ["contacts"] else rest  # adds output only
@@ -161,7 +161,7 @@ def _add_wall(course: Course, name: str, wall: Plane, contact: Contact, style: s
             "at all, but here walls are solid behind their surface"
         )
     if plain_style(style) == "hooke/history" and classic and touches.any():
-        # LAMMPS multiplies its k_t by the contact radius √(δ R), here at its mean
+        # LAMMPS multiplies its k_t by the contact radius √(δ R); here, the mean radius is used
         wall = wall._replace(scale=float(np.sqrt(overlap[touches] * radius[touches]).mean()))
         values = contact.values | {"kt": contact.values["kt"] * wall.scale}
         contact = contact._replace(values=values, lacks=(*contact.lacks, WALL_CLASSIC))
@@ -178,12 +178,12 @@ def _finite(word: str) -> float:
     return value
 
 
-OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # of regions, and their numbers of arguments
+OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # number of arguments of each option of regions
 FLAT = ("plane", "block")  # regions with flat faces
 
 
 def _take_region(course: Course, name: str, group: str, arguments: list[str]) -> None:
-    """Plane, or faces of a block, of `fix wall/gran/region`."""
+    """Import the plane, or the faces of the block, of `fix wall/gran/region`."""
     number = course.wall_number(name)
     contact, rest = _wall_law(course, arguments)
     region = course.run.regions[rest[rest.index("region") + 1]]
@@ -219,7 +219,7 @@ def _take_region(course: Course, name: str, group: str, arguments: list[str]) ->
 
 
 def _inner_faces(bounds: np.ndarray, left_open: Sequence[str], number: int) -> list[Plane]:
-    """Faces of a block with grains inside, in the order in which LAMMPS numbers them from 1, without open ones."""
+    """Faces of a block with grains inside, without open faces; LAMMPS numbers faces from 1 in this order."""
     faces = []
     for face, bound in enumerate(bounds.ravel()):
         side = 1.0 - 2.0 * (face % 2)
@@ -250,7 +250,7 @@ def _take_gravity(course: Course, name: str, group: str, arguments: list[str]) -
     else:
         phi, theta = np.deg2rad(values if kind == "spherical" else [0.0, 180.0 - values[0]])
         direction = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
-        if course.packing.arrays.get("dim") == 2:  # in the plane, for any phi
+        if course.packing.arrays.get("dim") == 2:  # gravity is in the plane for any phi
             direction = np.array([np.sin(theta), np.cos(theta), 0.0])
     course.push(members)
     if members.all():
@@ -342,7 +342,7 @@ def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_
         mine &= (overlap > deepest) & touches
         wall[mine], deepest[mine], slip[mine] = k, overlap[mine], slips[mine]
         turned[mine] = lammps_restart.rotations(more[mine], *memory_layout([contact]))
-        if plane.scale:  # the force of LAMMPS under a k_t common to all grains
+        if plane.scale:  # so that the k_t common to all grains gives the force of LAMMPS
             slip[mine] *= (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
     at_wall = wall >= 0
     pairs = [contact for pair, contact in course.contacts.items() if max(pair) < course.kinds]
@@ -353,7 +353,7 @@ def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_
 
 
 def take_over(course: Course) -> None:
-    """Import the commands of a run in the order of their dependence."""
+    """Import the commands of a run, each after those on which it depends."""
     run = course.run
     _take_bonds(course)
     for command in run.unknown:
@@ -366,7 +366,7 @@ def take_over(course: Course) -> None:
     units = run.settings.get("units", ["lj"])[0]
     if units not in SAME_UNITS:
         course.obstacle(f"units {units}, in which LAMMPS converts forces, were not imported")
-    restored = "read_restart" in run.met[USED]  # which contains the dimension
+    restored = "read_restart" in run.met[USED]  # the restart file contains the dimension
     if course.packing.arrays.get("dim") == 2 and run.settings.get("dimension") != ["2"] and not restored:
         course.obstacle(
             "grains at z = 0 are read in two dimensions, although the run has three: motion along z is left out"
@@ -402,7 +402,7 @@ def _take_mover(course: Course, group: str, style: str) -> None:
     course.moved |= members
     course.turned |= members & MOVERS[style]
     if twice:
-        raise ValueError(f"it moves {pluralize(twice, 'grain')} that another fix also moves, twice in a step")
+        raise ValueError(f"it moves {pluralize(twice, 'grain')} that another fix also moves, so they move twice a step")
 
 
 def _take_fix(course: Course, name: str, style: str, group: str, arguments: list[str]) -> None:
@@ -439,7 +439,7 @@ def _hold_the_rest(course: Course) -> None:
 
 
 def _take_bonds(course: Course) -> None:
-    """Bonds with the laws of `bond_style` and `bond_coeff`."""
+    """Import bonds with the laws of `bond_style` and `bond_coeff`."""
     told, listed = replay(course.run.bonds), course.packing.bonds
     style = f"bond_style {' '.join(told.style[:2])}"
     if listed is None:
@@ -477,7 +477,7 @@ def _take_bonds(course: Course) -> None:
 
 
 def _take_pairs(course: Course) -> None:
-    """Laws of pairs of types."""
+    """Import the contact laws of pairs of types."""
     style, *arguments = course.run.pair_style or ["none"]
     stored, everywhere = course.packing.law, [(a, b) for a in range(course.kinds) for b in range(a, course.kinds)]
     try:
@@ -503,7 +503,7 @@ def _take_pairs(course: Course) -> None:
 
 
 def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
-    """Laws of the parts of a hybrid style; at most one may act between two types."""
+    """Import the laws of the parts of a hybrid style; at most one part may act between two types."""
     parts, factors = _split_hybrid(arguments, {line[2] for line in course.run.pair_coeff if len(line) > 2})
     if any(word not in ("1", "1.0") for word in factors):
         raise ValueError(f"it multiplies forces by factors ({' '.join(factors)}), but only factors of 1 are supported")
@@ -533,7 +533,7 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
     if not apart:
         return
     ends = np.sort(course.types[course.contacts_of_grains()], axis=0)
-    for a, b in sorted(apart):  # contacts of types between which LAMMPS has no forces, but which exist here
+    for a, b in sorted(apart):  # types whose contacts have no forces in LAMMPS, but have forces here
         count = int(((ends[0] == a) & (ends[1] == b)).sum())
         what = f"pair_coeff defines no forces between types {a + 1} and {b + 1}"
         if count:
@@ -562,7 +562,7 @@ def _split_hybrid(arguments: list[str], given: set[str]) -> tuple[dict[str, list
 
 
 def _mix_the_rest(course: Course, given: set[tuple[int, int]] = frozenset()) -> None:
-    """Laws of pairs of types without their own law, mixed from those of both types."""
+    """Add laws of pairs of types for which commands define none, mixed from those of both types."""
     own = [a for a in range(course.kinds) if (a, a) in course.contacts]
     for a, b in combinations(own, 2):
         if (a, b) not in {*course.contacts, *given}:
@@ -570,14 +570,14 @@ def _mix_the_rest(course: Course, given: set[tuple[int, int]] = frozenset()) -> 
 
 
 def _take_coefficients(course: Course) -> None:
-    """Laws of the style granular; without types, all must be the same."""
+    """Import the laws of the style granular, which must be the same for all types if the grains have no types."""
     lines: dict[tuple[str, str], tuple[str, ...]] = {}
     for first, second, *arguments in course.run.pair_coeff:  # the last one for the same types counts
         lines.pop((first, second), None)
         lines[first, second] = tuple(arguments)
     if course.types is None and len({*lines.values()}) > 1:
         text = "pair_coeff defines different laws for types, but the grains have no types (a column type)"
-        course.obstacle(text, LAW)  # which do not matter if all types have the same law
+        course.obstacle(text, LAW)  # types do not matter if all have the same law
         return
     if course.types is None and lines:
         lines = {("1", "1"): next(iter(lines.values()))}
@@ -597,7 +597,7 @@ def _pairs(course: Course, first: str, second: str) -> list[tuple[int, int]]:
 
 
 def _finish_law(course: Course) -> None:
-    """The law of all pairs of types and walls."""
+    """Combine the laws of all pairs of types and walls."""
     if not any(max(pair) < course.kinds for pair in course.contacts):
         return
     given = course.contacts

@@ -5,9 +5,9 @@ F_t = −(k_t s + c_t v_t), with k_t and c_t at the contact's overlap. Hence
 
     s = −(F_t + c_t v_t)/k_t,    v_t = (v_i − v_j − (R_i ω_i + R_j ω_j) × n) less its normal part
 
-for contacts below the Coulomb limit; at the limit, s is the slip after LAMMPS's next truncation. The signs
-were checked against a real run (tests/peers): the forces act on the first atom of a pair, and d points from the second
-to the first.
+for contacts below the Coulomb limit; at the limit, s is the slip after LAMMPS's next truncation. The signs were checked
+against a real run (tests/peers): the forces act on the first atom of a pair, and the branch vector dx dy dz points from
+the second atom to the first.
 
 Source: LAMMPS documentation of `pair_style gran` and `compute pair/local`; doi:10.1103/PhysRevE.64.051302.
 """
@@ -36,7 +36,7 @@ ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2
 SKIPPED = "-"  # name of a skipped column
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
 OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be wrong
-NEGLIGIBLE = 1e-6  # the same deviation, below which no warning is issued
+NEGLIGIBLE = 1e-6  # deviation from these forces below which no warning is issued
 
 
 class Pairs(NamedTuple):
@@ -67,7 +67,7 @@ def read_grain_dump(
 ):  # fmt: skip
     """Read packings from a dump of grains; `frame` is a time step, "all", or None for the last.
 
-    `names` are the names of columns in LAMMPS, by those in the dump.
+    `names` maps the names of columns in the dump to their names in LAMMPS.
     """
     if atom_style:
         raise PackingError(f"atom_style does not apply to the dump {path}, which names its columns: leave it out")
@@ -174,7 +174,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     Warns
     -----
     PackingWarning
-        if something was changed, or the normal forces differ from LAMMPS's.
+        if slip was changed or is missing, or the normal forces differ from LAMMPS's.
     """
     if law.coulomb != SHARP:
         raise PackingError("friction is sharp in LAMMPS: use --coulomb sharp instead of smooth")
@@ -182,7 +182,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     if damping_model(law) and missing:
         raise PackingError(
             f"the slip of contacts with dashpots needs every grain's {' and '.join(sorted(missing))}: add vx vy vz "
-            f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"
+            f"omegax omegay omegaz to the dump of grains, or a section Velocities to the data file"
         )
     state = placed_state(packing, law)
     rows, entries, sign = _match_pairs(state, pairs)
@@ -216,7 +216,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
 
 
 def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: np.ndarray) -> None:
-    """Raise PackingError if columns of contacts contradict their names, by the geometry of the grains."""
+    """Raise PackingError if the geometry of the grains contradicts the names of columns of contacts."""
     tangential, length = pairs.tangential[entries], np.linalg.norm(branch, axis=1)
     along = np.abs(np.einsum("ck,ck->c", tangential, branch)) / length
     slack = 0.0 if pairs.normal is None else NEGLIGIBLE * np.linalg.norm(pairs.normal[entries], axis=1).sum()
@@ -302,7 +302,7 @@ def read_boundary(contacts: Path) -> str | None:
 
 
 def state_of_pairs(packing: Packing, pairs: Pairs, law: Law) -> tuple[State, list[str]]:
-    """Accepted state of a packing with the memory of its contacts, and notes on these."""
+    """Accepted state of a packing with the memory of its contacts, and notes on this memory."""
     state = reconstruct_memory(packing, pairs, law)
     mode = state.contacts.mode[: state.contacts.count[0]]
     count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
@@ -312,7 +312,7 @@ def state_of_pairs(packing: Packing, pairs: Pairs, law: Law) -> tuple[State, lis
 
 
 def with_wall_memory(state: State, law: Law, net: np.ndarray | None, notes: list[str]) -> tuple[State, list[str]]:
-    """State with slip at walls from the remaining force on each grain, and notes; dumps have no slip at walls.
+    """State with slip at walls, which is not in dumps but follows from the remaining force on each grain; and notes.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ def with_wall_memory(state: State, law: Law, net: np.ndarray | None, notes: list
 
 
 SLACK = 1e-3  # relative tolerance for numbers with few digits
-MOST = 40  # columns
+MOST = 40  # largest number of columns
 TOTAL = "Fx", "Fy", "Fz"
 
 
@@ -353,7 +353,7 @@ def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 
 def group_hint(packing: Packing) -> str:
-    """Sentence stating that gaps in the ids suggest the grains of a group; empty without gaps."""
+    """Sentence stating that gaps in the ids suggest that only a group was written; empty without gaps."""
     ids = packing.ids
     if not len(ids) or ids[-1] == len(ids):
         return ""
@@ -365,7 +365,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
 
     The two id columns name grains that touch. The distance and the branch vector of each pair follow from the
     positions of its grains. A normal force is parallel to the branch vector, a tangential one perpendicular to it.
-    Without either, the last three columns that are neither positions nor distances are the total force.
+    If neither exists, the last three columns that are neither positions nor distances are the total force.
 
     Parameters
     ----------
@@ -381,7 +381,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     if ends is None:
         raise PackingError(
             f"{path} has {values.shape[1]} unnamed columns, none of which contain ids of touching grains: "
-            f"{group_hint(packing) or 'its grains are those of another time step or run, or name its columns'}"
+            f"{group_hint(packing) or 'give contacts of the same step and run as the grains, or name the columns'}"
         )
     i, j = np.searchsorted(ids, values[:, ends : ends + 2].astype(np.int64)).T
     names[ends : ends + 2] = "i", "j"

@@ -45,7 +45,7 @@ TAIL = 2**20  # size of the end of a dump that is first searched for its last ti
 
 
 class Files(NamedTuple):
-    """Files of a folder, sorted by content."""
+    """Files of a folder, grouped by content."""
 
     restarts: list[Path]
     grains: list[Path]  # dumps
@@ -54,7 +54,7 @@ class Files(NamedTuple):
     logs: list[Path]
     scripts: list[Path]
     others: list[Path]
-    words: dict[Path, list[list[str]]]  # lines of logs and scripts, as words; `read_folder` looks them up
+    words: dict[Path, list[list[str]]]  # lines of logs and scripts, split into words by `read_folder`
 
     @property
     def packings(self) -> list[Path]:
@@ -68,7 +68,7 @@ def is_run_folder(folder: Path) -> bool:
 
 
 def list_files(folder: Path) -> Files:
-    """Files of a folder by their content."""
+    """Group the files of a folder by their content."""
     files = Files([], [], [], [], [], [], [], {})
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or not path.is_file():
@@ -131,7 +131,7 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     kept = [note for note in packing.notes if note not in known]
     sources = [other for other in (*every.logs, *every.scripts) if other.name in run.sources]
     words = {group: [f"command {word}" for word in sorted(names)] for group, names in course.run.met.items()}
-    words[UNKNOWN] = []  # they are among those of the course, with their positions
+    words[UNKNOWN] = []  # `course.met` contains them with their places
     kept += [Account.of(words, course.met), _account_of_files(every, path, contacts, *sources)]
     memory = packing.memory and with_wall_numbers(packing.memory, course)
     law = course.law or packing.law
@@ -148,14 +148,14 @@ def _account_of_files(files: Files, *taken: Path | None) -> Account:
 
 
 def _strange_files(files: Files) -> list[str]:
-    """Names of files in unknown formats that no command mentions and whose names are unknown."""
+    """Names of files in unknown formats that no command mentions and whose names are not known either."""
     named = {word for lines in files.words.values() for words in lines for word in words[1:]}
     rest = [path.name for path in files.others if group_of("file", path.name) == UNKNOWN]
     return [name for name in rest if not any(means(word, name) for word in named)]
 
 
 def _of_newest_run(files: Files) -> tuple[Files, list[str]]:
-    """Grain files of the newest run according to its log, and a note on others; all grain files if it has none."""
+    """Grain files of the newest run according to its log, and a note on the others; all grain files without a log."""
     if not files.logs:
         return files, []
     log = max(files.logs, key=lambda path: path.stat().st_mtime)
@@ -222,7 +222,7 @@ def _newest_grains(files: Files, frame: str | None) -> Path:
 
 
 def _places(files: Files) -> Callable[[Path, int], int]:
-    """Positions of files in the newest log, by names and time steps; all equal unless time steps go back."""
+    """Function that returns the position of a file and time step in the newest log; 0 unless time steps go back."""
     log = max(files.logs, key=lambda path: path.stat().st_mtime, default=None)
     before = [] if log is None else _logs_before(log, files)
     if log is None or not read_commands(log, "", before).goes_back():
@@ -280,7 +280,7 @@ def _with_bonds(packing: Packing, path: Path, files: Files, run: Run) -> tuple[P
 
 
 def _last_frame(path: Path) -> tuple[bool, int]:
-    """Presence of radii in the last frame of a dump, and its time step; −1 if it cannot be found."""
+    """Presence of radii in the last frame of a dump, and the time step of this frame; −1 if it cannot be found."""
     if is_compressed(path):
         content = read_content(path)
     else:
@@ -317,7 +317,7 @@ def _matching_contacts(paths: list[Path], packing: Packing) -> tuple[Path | None
 
 
 def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None) -> list[str]:
-    """Notes on initial grains of a run, and on signs that they do not belong to the run of the commands."""
+    """Notes on grains that are the initial ones of a run, or that may not belong to the run of the commands."""
     sources, notes = files.logs or files.scripts, []
     writes = any(_names(files, path, grains.name, tuple({*FILING} - {*BEGINNING})) for path in sources)
     if not writes and any(_names(files, path, grains.name, BEGINNING) for path in sources):

@@ -1,4 +1,4 @@
-"""Conversion of contact laws to and from LAMMPS; messages name models without an equivalent.
+"""Conversion of contact laws to and from LAMMPS; messages name LAMMPS models that have no equivalent here.
 
 A new law, damping model or effect needs one line in a table.
 
@@ -47,7 +47,7 @@ TANGENTIAL = {  # numbers of coefficients, and of memory values of a contact
     "mindlin_classic": (3, 3), "mindlin": (3, 3), "mindlin/force": (3, 3), "mindlin_rescale": (3, 4),
     "mindlin_rescale/force": (3, 4),
 }  # fmt: skip
-OTHERS = {  # numbers of coefficients of the models that may follow
+OTHERS = {  # numbers of coefficients of the models that may follow these two
     "damping": {"velocity": 0, "mass_velocity": 0, "viscoelastic": 0, "tsuji": 0, "coeff_restitution": 0},
     "rolling": {"none": 0, "sds": 3}, "twisting": {"none": 0, "marshall": 0, "sds": 3},
     "heat": {"none": 0, "radius": 1, "area": 1},
@@ -104,7 +104,7 @@ def contact_of(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]
 
     Parameters
     ----------
-    style : such as hooke/history, or granular
+    style : name of the style, such as hooke/history or granular
 
     Raises
     ------
@@ -134,7 +134,7 @@ def no_equal(style: str) -> str:
 
 
 def wall_contact(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]]:
-    """Law of a wall, like `contact_of`; lever arms at walls are R."""
+    """Law of a wall, as from `contact_of`, but with lever arms R."""
     contact, rest = contact_of(style, arguments)
     return contact._replace(properties=contact.properties & ~LEVER), rest
 
@@ -172,7 +172,7 @@ def _granular(arguments: list[str]) -> tuple[Contact, list[str]]:
 
 
 def _combine(contact: Contact, normal: str, tangential: str, numbers: list, rest: list) -> Contact:
-    """Law with its normal and tangential models, from their coefficients."""
+    """Law with given normal and tangential models, and parameters computed from their coefficients."""
     law = next((law for law, model in MODELS.items() if model == (normal, tangential.removesuffix(FORCE))), None)
     lacks, more, elastic = list(contact.lacks), dict(contact.values), ()
     if law is None:
@@ -213,7 +213,7 @@ def mix(a: Contact, b: Contact) -> Contact:
 
 
 def of_release(contact: Contact, year: int) -> Contact:
-    """Law of a contact whose coefficient of restitution gives the dashpots of LAMMPS in a given year.
+    """Law of a contact with the coefficient of restitution that gives the dashpots of LAMMPS in a given year.
 
     `tsuji` lacked a factor √2, and `limit_damping` opens contacts earlier: see `dashpot_coefficients`.
     """
@@ -236,7 +236,7 @@ def as_restitution(law: str, damping: int, damping_n: float, factor: float = 1.0
 
 
 def _table(contact: Contact, names: Sequence[str]) -> np.ndarray:
-    """(1, 1, parameters), parameters of a contact; a missing spring has no cap."""
+    """(1, 1, parameters) table of a contact; a moment without a spring has the stiffness 1 and no cap."""
     absent = {"k_roll": 1.0, "k_twist": 1.0}
     return np.array([contact.values.get(name) or absent.get(name, 0.0) for name in names])[None, None]
 
@@ -248,7 +248,7 @@ def _model(contact: Contact, properties: int) -> tuple:
 
 
 def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: int) -> tuple[Law, list[str]]:
-    """Law from its pairs of materials, and features without an equivalent here; pairs that are not given never meet."""
+    """Law from its pairs of materials, and features without an equivalent here; pairs not in `table` never meet."""
     first = table[min(table)]
     properties = int(np.bitwise_or.reduce([contact.properties for contact in table.values()]))
     damping = DAMPING[first.damping] + (0 if first.tension else NO_TENSION)

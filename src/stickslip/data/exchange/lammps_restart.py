@@ -3,8 +3,8 @@
 At the end of a restart file, each rank has a block of doubles with a record for every grain: its length, position, id,
 type, mask, image, velocity, radius, mass and spin, then one entry for each fix that stores data on grains. `fix
 NEIGH_HISTORY`, created by every history pair style, comes first: it lists the partners of the grain and the memory of
-each contact, in the order i − j. Entries of walls follow, in the order of their fixes. Most integers are stored in
-the bits of doubles.
+each contact, for the grain relative to its partner. Entries of walls follow, in the order of their fixes. Most integers
+are stored in the bits of doubles.
 """
 
 import re
@@ -35,27 +35,27 @@ from .lammps_laws import SAME_UNITS, no_equal
 from .lammps_text import Table, add_box, restricted_box, whole_periods
 
 MAGIC = b"LammpS RestartT\x00"
-# end of the header, flag 44 (one file for all ranks) and −1, then the flag before the block of a rank
+# end of the header (flag 44, one file for all ranks, and −1), and the flag before the block of a rank
 HEADER_END, BLOCK = struct.pack("<iii", 44, 0, -1), struct.pack("<i", 47)
 # up to 2023 the header ended with another flag, 45, which is 0 unless LAMMPS used MPI-IO
 OLD_END = re.compile(rb"(\x2c\0\0\0[^\xff]{4})\x2d\0{7}(\xff{4}(?:\x2f\0\0\0|LammpS))", re.DOTALL)
 PART = struct.pack("<i", 46)  # flag at the beginning of a part, before its number of blocks
-POSITION, TAG, TYPE, IMAGE, VELOCITY, OWN, EXTRA = 1, 4, 5, 7, 8, 11, 16  # OWN: columns of the atom style
+POSITION, TAG, TYPE, IMAGE, VELOCITY, OWN, EXTRA = 1, 4, 5, 7, 8, 11, 16  # OWN: first column of the atom style
 SIZES = ("radius", "mass", "spin")
 OWN_COLUMNS = {  # columns of atom styles after the common ones; hybrid styles have those of all their parts
     "sphere": SIZES, "bond": ("molecule", "bonds"), "bpm/sphere": ("molecule", "bonds", *SIZES, "orientation"),
     "atomic": (),
 }  # fmt: skip
-WIDTHS = {"spin": 3, "orientation": 4}  # widths of columns other than 1
+WIDTHS = {"spin": 3, "orientation": 4}  # widths of columns that are wider than 1
 BOND_MEMORY = {"bpm/spring": 1, "bpm/rotational": 4}  # numbers stored for each bond by these styles
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
 HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory of grains
-LONGEST_LIST, LONGEST_NAME = 4096, 200  # bytes of the list of fixes, and of a name
+LONGEST_LIST, LONGEST_NAME = 4096, 200  # largest sizes of the list of fixes, and of a name [bytes]
 AT_CAP, TWIST, TWIST_AT_CAP = 6, 7, 8  # columns of `Contacts.rolling`
 MOST = 7  # number of values after the slip: contact radius, rolling and twisting
 ROTATIONS = 4  # number of values of rolling and twisting
-PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap over the pull-off gap of jkr
-SHARE = 0.05  # fraction of the dashpot force that half a step may change
+PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap at separation over pull-off gap
+SHARE = 0.05  # fraction by which the dashpot force may change in half a step
 
 
 INT, BIG, DOUBLE, INTS, DOUBLES, STRING = range(6)
@@ -74,7 +74,7 @@ NO_PLACE = "restart files do not contain its position; give the run folder, whos
 
 
 class Restart(NamedTuple):
-    """Content of a restart file, sorted by grain id, numbered from 0."""
+    """Content of a restart file, with grains sorted by id and numbered from 0."""
 
     position: np.ndarray  # (N, 3) in the box [length]
     image: np.ndarray  # (N, 3)
@@ -117,7 +117,7 @@ def _read_whole(path: Path) -> bytes:
         names = [f"{path.name[: number.start()]}base{path.name[number.end() :]}" for number in numbers]
         base = next((path.with_name(name) for name in names if path.with_name(name).is_file()), None)
         if base is None:
-            raise PackingError(f"{path} is one part of a restart file: the others and the one named base are needed")
+            raise PackingError(f"{path} is one part of a restart file: give the file named base, beside all its parts")
         return _read_whole(base)
     end = len(content) - len(MAGIC) - len(HEADER_END)
     flag, count, last = struct.unpack("<iii", content[end : -len(MAGIC)]) if end > 0 else (0, 0, 0)
@@ -248,7 +248,7 @@ def _list_bonds(
 
 
 def rotations(values: np.ndarray, rolls: int, twists: int) -> np.ndarray:
-    """(C, 4) rolling displacement and twist among the values after slip, at given positions; zero for −1."""
+    """(C, 4) rolling displacement and twist, at given positions in the values after slip; zero if a position is −1."""
     out = np.zeros((len(values), ROTATIONS))
     if rolls >= 0:
         out[:, :3] = values[:, rolls : rolls + 3]
@@ -344,7 +344,7 @@ def time_step(path: Path) -> int:
 
 
 def group_masks(path: Path, memory: Restart) -> dict[str, np.ndarray]:
-    """(N,) bool, members of each group named in the file."""
+    """(N,) masks of the grains in each group named in the file."""
     return _groups_and_labels(_read_whole(path), memory.mask)[0]
 
 
@@ -431,7 +431,7 @@ def _fixes(head: bytes) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
 
 
 def _find_list(head: bytes, end: int, *, blobs: bool) -> tuple[int, list[tuple[str, str]]]:
-    """Start of the list of fixes that ends at a position, and ids and styles; binary data may follow each."""
+    """Start of the list of fixes that ends at `end`, and their ids and styles; with `blobs`, data follow each fix."""
     first = max(end - LONGEST_LIST, 0)
     tail = head[first:end]
     for start in range(len(tail) - 4, 0, -1):
@@ -451,7 +451,7 @@ def _find_list(head: bytes, end: int, *, blobs: bool) -> tuple[int, list[tuple[s
 
 
 def _string(reader: Reader) -> str:
-    """String that follows its length; raise ValueError if the length is not that of a name."""
+    """String stored after its length; raise ValueError if the length is impossible for a name."""
     size = reader.number("<i")
     if not 0 < size < LONGEST_NAME:
         raise ValueError(f"a name of {size} characters")
@@ -459,7 +459,7 @@ def _string(reader: Reader) -> str:
 
 
 def _read_own(block: np.ndarray, start: np.ndarray, columns: Sequence[str]):
-    """Columns of an atom style in a block, number of bonds of each grain, position of the first, and the end."""
+    """Columns of an atom style in a block; number of bonds of each grain, position of its first bond, and their end."""
     extra = {"orientation": np.tile([1.0, 0, 0, 0], (len(start), 1))}
     at, count, first = start + OWN, np.zeros(len(start), np.int64), start
     for name in columns:
@@ -480,9 +480,9 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
 
     Parameters
     ----------
-    memories : entry, and its end, for each style that stores data on bonds
+    memories : start and end of the entry of each style that stores data on bonds
     """
-    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # among the bonds of its grain
+    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # number of each bond on its grain
     row = np.repeat(first, count) + number
     kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (row, row + np.repeat(count, count)))
     memory = np.zeros((len(number), 4))
@@ -542,7 +542,7 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
         values = int((end - entry - 2)[some[0]] // count[some[0]]) - 1 if len(some) else 3
     if values < 3 or not (2 + (values + 1) * count <= end - entry).all():
         raise ValueError("a LAMMPS restart file with more contacts than fit into a record: it is damaged")
-    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # among the contacts of its grain
+    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # number of each contact on its grain
     first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
     plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022, ids were stored as plain numbers
@@ -551,7 +551,7 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
 
 
 def _values_after(block: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(C, 7) values from each start to its end, then zeros."""
+    """(C, 7) values of a block from each start to the corresponding end, followed by zeros."""
     at = start[:, None] + np.arange(MOST)
     return np.where(at < end[:, None], block[np.minimum(at, len(block) - 1)], 0.0)
 
@@ -588,7 +588,7 @@ def restore_memory(state: State, law: Law, saved: Restart) -> State:
 
 
 def _ranges(state: State, law: Law) -> np.ndarray:
-    """(C,) gaps up to which jkr contacts last in LAMMPS, where a falls to its value at the largest attraction."""
+    """(C,) gaps up to which jkr contacts last in LAMMPS, where the contact radius is that of the largest attraction."""
     r_eff, a, b = _pair_sizes(state, np.arange(state.contacts.count[0]))
     return PULL_OFF * evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff)
 
@@ -621,7 +621,7 @@ def _with_rotations(state: State, law: Law, rows: np.ndarray, more: np.ndarray) 
         twists = values["k_twist"], values["gamma_twist"], values["mu_twist"] * pressing
         if law.properties & SCALED:
             radius = np.sqrt(np.maximum(overlaps(state)[rows], 0.0) * r_eff)
-            if not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].uses_radius:  # contained in k_t(δ)
+            if not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].uses_radius:  # k_t(δ) contains the radius
                 radius = np.divide(c.stiffness_t[rows], values["kt"], out=radius, where=values["kt"] > 0)
             twists = twists[0] * radius**2, twists[1] * radius**2 * c.damping_t[rows], twists[2] * radius
         own[rows, TWIST_AT_CAP] = _at_cap(more[:, 3:], along, *twists)
@@ -682,7 +682,7 @@ def write_memory(template: Path, target: Path, state: State, law: Law) -> None:
 
     Parameters
     ----------
-    template : written by LAMMPS from a data file of the state
+    template : restart file that LAMMPS wrote from a data file of the state
     """
     content, n, walls = read_content(template), len(state.grains.radius), len(state.walls.mass)
     start, blocks = _blocks(content)

@@ -26,7 +26,7 @@ from .lammps_file import pairs_from_table
 from .lammps_folder import read_folder
 from .lammps_text import Table, packing_from_table, parse_step
 
-GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # entries counted in a dump
+GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # names of the entries that a dump counts
 BEGIN, ITEM = b"ITEM: TIMESTEP", b"ITEM:"
 COMPRESSED = (b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # first bytes of gzip and Zstandard files
 HEAD = 512  # number of bytes at the beginning of a file that identify its format
@@ -80,7 +80,7 @@ def _head(path: Path) -> bytes:
 
 
 def has_dumps(folder: Path, kind: str, pattern: str = "*") -> bool:
-    """Return True if a folder has a (possibly incomplete) dump of a kind, or an empty file named like a dump."""
+    """Return True if a folder has a (possibly incomplete) dump of this kind, or an empty file named like a dump."""
     mark = f"NUMBER OF {kind}".encode()
     for path in folder.iterdir() if folder.is_dir() else ():
         if not path.name.startswith(".") and fnmatch(path.name, pattern) and path.is_file():
@@ -253,8 +253,8 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     Parameters
     ----------
     memory : whether dumps of contacts are used, either the dumps named by `contacts` or all in the folder
-    options : those of `read_packing` for LAMMPS dumps. `contacts` may be a pattern such as contacts.*.dump. Without a
-    law, that of the log or script in the folder is used, with its walls, loads and held grains
+    options : those of `read_packing` for LAMMPS dumps. `contacts` may be a pattern such as contacts.*.dump. If no law
+    is given, the log or script in the folder defines the law, walls, loads and held grains
 
     Raises
     ------
@@ -308,7 +308,7 @@ def _await_contacts(folder: Path, grains: str, where: Path) -> bool:
 
 
 def _require_dumps(folder: Path, pattern: str, kind: str) -> None:
-    """Raise PackingError if no file in the folder is, or may become, a dump of a kind."""
+    """Raise PackingError if no file in the folder is, or may become, a dump of this kind."""
     if has_dumps(folder, kind, pattern):
         return
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():

@@ -30,7 +30,7 @@ ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
 VOLUME = 4 / 3 * np.pi
 AXES = ("x", "y", "z")
 FORCE = ("fx", "fy", "fz")
-STYLES = {  # columns of the section Atoms, which three whole numbers may follow
+STYLES = {  # columns of the section Atoms; three image flags may follow
     "sphere": "id type diameter density x y z",
     "bpm/sphere": "id molecule type diameter density x y z",
     "atomic": "id type x y z",
@@ -130,7 +130,7 @@ def _parse_bounds(head: str, body: str):
         raise ValueError(f"a box of shape {rows.shape}")
     xy, xz, yz = rows[:, 2] if rows.shape[1] == 3 else (0.0, 0.0, 0.0)
     low, high = rows[:, 0].copy(), rows[:, 1].copy()
-    low[0] -= min(0.0, xy, xz, xy + xz)  # the file has the bounds of the tilted box
+    low[0] -= min(0.0, xy, xz, xy + xz)  # the file contains the bounds of the tilted box
     high[0] -= max(0.0, xy, xz, xy + xz)
     low[1] -= min(0.0, yz)
     high[1] -= max(0.0, yz)
@@ -141,7 +141,7 @@ def restricted_box(size, xy: float, xz: float, yz: float) -> np.ndarray:
     """(3, 3) vectors, as rows, of LAMMPS's restricted triclinic box; raise ValueError if they do not span one."""
     if not (np.isfinite([*size, xy, xz, yz]).all() and (np.asarray(size) > 0).all()):
         lengths = " ".join(f"{length:g}" for length in size)
-        raise ValueError(f"a box of lengths {lengths} along x y z, which must be positive: bounds are low, then high")
+        raise ValueError(f"a box of lengths {lengths} along x y z, which must be positive: give low bounds, then high")
     return np.array([[size[0], 0, 0], [xy, size[1], 0], [xz, yz, size[2]]], float)
 
 
@@ -202,7 +202,7 @@ def packing_from_table(table: Table, path: Path, boundary: str | None = None, sa
 
 
 def check_ids(path: Path, ids: np.ndarray) -> None:
-    """Raise PackingError if two grains have the same id; ids are sorted."""
+    """Raise PackingError if two of these sorted ids are the same."""
     if not np.diff(ids).all():
         twice = ids[:-1][np.diff(ids) == 0]
         raise PackingError(

@@ -76,7 +76,7 @@ def recognize(head: bytes) -> bool:
 
 
 def has_grains(names: list[str] | None) -> bool:
-    """Return True if names of positions and radii are among these."""
+    """Return True if the names include those of positions and radii."""
     arrays, _ = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
     return "position" in arrays and bool({"radius", "diameter"} & set(arrays))
 
@@ -101,7 +101,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def _are_times(name: str, values: np.ndarray, ids: np.ndarray | None) -> bool:
-    """Return True for a column of times, each of which occurs in several rows; rows are sorted unless there are ids."""
+    """Return True for a column of times, each in several rows, and sorted unless there are ids."""
     counts = np.unique(values, return_counts=True)[1]
     if plain_name(name) not in TIMES or len(counts) < 2:
         return False
@@ -162,7 +162,7 @@ def _content_lines(text: str, heads: Callable = has_grains) -> list[str]:
 
 
 def _separator(line: str) -> str | None:
-    """Separator of the entries of a line; None is white space, with which numbers may have decimal commas."""
+    """Separator of the entries of a line; None stands for white space, which permits decimal commas in numbers."""
     mark = next((mark for mark in ";\t," if mark in line), None)
     return None if mark == "," and re.search(r"\d\s+[-+.]?\d", line) else mark
 
@@ -182,7 +182,7 @@ def names_of(line: str) -> list[str] | None:
 
 
 def _convert_lengths(path: Path, columns: dict[str, np.ndarray]) -> list[str]:
-    """Convert lengths in place to the unit of the first; return a note, or raise PackingError for an unknown unit."""
+    """Convert lengths in place to the unit of the first column; return a note; an unknown unit raises PackingError."""
     found = {name: UNIT.search(name) for name in columns if plain_name(name) in LENGTHS}
     units = {name: (match[1] or match[2]).strip().lower() for name, match in found.items() if match}
     if len(set(units.values())) < 2:
@@ -200,15 +200,13 @@ def _convert_lengths(path: Path, columns: dict[str, np.ndarray]) -> list[str]:
 
 
 def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
-    """(rows, width) numbers in lines of equal length; with decimal commas unless commas are separators."""
+    """(rows, width) numbers in lines of equal length; commas are decimal unless they separate entries."""
     with refusing():
         mark = _separator(lines[0]) if lines else None
         rows = [row for _, row in split_rows(path, list(enumerate(lines, 1)), mark)]
     for number, row in enumerate(rows, 1):
         if len(row) != width:
-            raise PackingError(
-                f"{path} has {len(row)} entries in row {number}, where its columns are {width}: it is damaged"
-            )
+            raise PackingError(f"{path} has {len(row)} entries in row {number}, but {width} columns: it is damaged")
     return _parse(path, [word or "nan" for row in rows for word in row], "correct it", (-1, width))
 
 
@@ -222,7 +220,7 @@ def recognize_mercury(head: bytes) -> bool:
 
 
 def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read time steps of a MercuryDPM .data file, named by number."""
+    """Read time steps of a MercuryDPM .data file, which are named by their number."""
     packings = []
     walls = "no walls and periodic boundaries were read, as MercuryDPM's .data has none; they are in its .restart"
     notes = [Assumption(walls), Assumption(extent_note(path.name))]
@@ -235,7 +233,7 @@ def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def refuse(path: Path) -> PackingError:
-    """Error for a file in an unknown format, with its beginning and a remedy."""
+    """Error for a file in an unknown format; its message quotes the beginning of the file and names a remedy."""
     text = first_lines(path)
     lines = _content_lines(head_text(read_content(path, HEAD))[:4000])
     known = identify_columns(dict.fromkeys(names_of(lines[0]) or [] if lines else [], np.zeros(0)))[0]
@@ -257,7 +255,7 @@ def contact_table_path(path: Path) -> Path:
 
 
 def write_csv(path: str | Path, frame: Frame) -> list[str]:
-    """Write a table of grains and one of contacts, both or none; return notes on data that they do not store."""
+    """Write a table of grains and one of contacts, both or neither; return notes on data that they do not store."""
     path, grains = Path(path), frame.state.grains
     columns = {"": grains.position, "radius": grains.radius, "mass": grains.mass, "velocity": grains.velocity}
     columns |= {"spin": grains.spin, "material": grains.material, **exported(frame.grains)}
@@ -308,7 +306,7 @@ def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
 
 
 def recognize_xyz(head: bytes) -> bool:
-    """Return True for XYZ: a count of grains, and a comment, which names the columns of extended XYZ."""
+    """Return True for XYZ: a count of grains, then a comment, which in extended XYZ names the columns."""
     lines = head_text(head).split("\n", 3)
     if len(lines) < 3 or not lines[0].strip().isdecimal():
         return False
@@ -319,7 +317,7 @@ def recognize_xyz(head: bytes) -> bool:
 
 
 def read_xyz(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read frames of XYZ, named by their number; the law is read if stickslip wrote it.
+    """Read frames of an XYZ file, which are named by their number; the law is read if stickslip wrote it.
 
     Without names, columns are the species, x, y, z, and the radius.
     """
@@ -415,7 +413,7 @@ def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
                 columns[query] = _parse(path, words)
             elif not query.startswith("Total"):  # single numbers are left out
                 raise PackingError(
-                    f"{path} has {len(words)} values of {query!r} at time {names[k]}, but {most} of other queries"
+                    f"{path} has {len(words)} values of {query!r} at time {names[k]}, but {most} values of others"
                 )
         packings.append(packing_of_columns(columns, path.name, names[k], [Assumption(extent_note(path.name))]))
     return [packing._replace(notes=[*choice, *packing.notes]) for packing in packings]
@@ -432,7 +430,7 @@ def recognize_jambash(head: bytes) -> bool:
 
 
 def read_jambash(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read disks in periodic cells, named by their number in the file."""
+    """Read packings of disks in periodic cells, which are named by their number in the file."""
     found = JAMBASH.findall(read_lines(path))
     if not found:
         raise PackingError(f"{path} is truncated: N, L1, L2 and the disks in braces are needed, as in jamBashBulk")
@@ -471,7 +469,7 @@ def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
     rows, numbers = rest.reshape(count, width), _parse(path, head[3 : 3 + kinds])
     if numbers.sum() != count or (numbers < 0).any() or (numbers % 1).any():
         raise PackingError(
-            f"{path} declares {count} spheres, but {numbers.sum():g} of all kinds together: it is damaged"
+            f"{path} declares {count} spheres, but its kinds have {numbers.sum():g} in total: it is damaged"
         )
     diameter = np.repeat(_parse(path, sizes), numbers.astype(int)) if sizes else rows[:, dim]
     cell = np.eye(3)

@@ -23,7 +23,7 @@ Count = Annotated[int, Field(ge=1, le=MOST)]
 
 
 def _require(holds: Callable, remedy: str) -> AfterValidator:
-    """Validator that rejects values for which `holds` is false; `remedy` ends the sentence."""
+    """Validator that rejects values for which `holds` is false; `remedy` ends the error message."""
 
     def check(value):
         if not holds(value):
@@ -56,7 +56,7 @@ class Normal(ScenarioTable):
 
 
 class Values(ScenarioTable):
-    """Table of a swept key, with one of KINDS."""
+    """Table that defines the values of a swept key, by one of KINDS."""
 
     linspace: Ends | None = _about("evenly spaced, including both ends")
     geomspace: Annotated[Ends, BothPositive] | None = _about("evenly spaced in the logarithm, including both ends")
@@ -71,7 +71,7 @@ class Values(ScenarioTable):
 
     @property
     def kinds(self) -> list[str]:
-        """Kinds of KINDS that are present: one, in a valid table."""
+        """Members of KINDS that the table has; a valid table has exactly one."""
         return [kind for kind in KINDS if getattr(self, kind) is not None]
 
     @model_validator(mode="after")
@@ -126,7 +126,7 @@ class Axis(NamedTuple):
 
 
 def flatten(table: dict, ends: Callable[[dict], bool] = lambda inner: False, above: str = "") -> dict:
-    """Flatten tables to dotted keys, except those at which `ends` is true; [law] mu = … is the same as "law.mu" = …"""
+    """Flatten tables to dotted keys, except tables for which `ends` is true; [law] mu = … becomes "law.mu" = …"""
     out = {}
     for key, value in table.items():
         inner = isinstance(value, dict) and not ends(value)
@@ -177,7 +177,7 @@ def parse_entry(key: str, entry) -> list | Values:
 
 
 def make_axis(key: str, entry: list | Values, seed, options: Options, draws: dict) -> Axis:
-    """Return the axis of a swept key; `seed` is that of the scenario, `draws` the columns of a table."""
+    """Return the axis of a swept key; `seed` is that of the scenario, and `draws` are the columns of a draws table."""
     if isinstance(entry, list):
         value, count = Counter(map(str, entry)).most_common(1)[0]
         if options.mode == "grid" and count > 1:
@@ -215,7 +215,7 @@ def _seeds(key: str, first, count: int) -> tuple:
 
 
 FEWEST = 0.01  # fraction of accepted points below which sampling is abandoned
-LEAST_TRIED, MOST_TRIED = 1000, 10_000_000  # number of points drawn before sampling may be abandoned; largest number
+LEAST_TRIED, MOST_TRIED = 1000, 10_000_000  # fewest points after which sampling may be abandoned, and most points
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
@@ -235,7 +235,7 @@ def latin_hypercubes(names, number: int, seed: int) -> Iterator[dict[str, np.nda
 
 
 def sobol_points(names, number: int, seed: int) -> Iterator[dict[str, np.ndarray]]:
-    """Yield successive `number` points of a scrambled Sobol' sequence in the unit cube, {name: coordinates}.
+    """Yield successive sets of `number` points of a scrambled Sobol' sequence in the unit cube, {name: coordinates}.
 
     Each coordinate is scrambled by its own generator, so that it depends only on the seed, its name and its position
     among the names (Owen 1998, doi:10.1006/jcom.1998.0487; Matoušek 1998, doi:10.1006/jcom.1998.0489).
@@ -281,7 +281,7 @@ def describe_refusals(refused: dict[str, int]) -> str:
     return ", ".join(f"{count} by {text}" for text, count in refused.items() if count)
 
 
-MOST_ROWS = 100_000  # limited, because the values are part of the text of the sweep
+MOST_ROWS = 100_000  # largest number of rows, limited because the values are part of the text of the sweep
 PLAIN = ("", "-", "1")  # units of dimensionless numbers
 
 

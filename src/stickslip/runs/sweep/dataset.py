@@ -1,7 +1,7 @@
 """Dataset of a sweep: swept keys are dimensions, and the measures of its members are variables with units.
 
 The format is NetCDF 3, which xarray can read with SciPy alone and which geoscience programs can also read. Some
-experiments compare members: slip of sliders since an event, Mohr circles of soils.
+experiments also compare members, such as the slip of sliders since an event or the Mohr circles of soils.
 """
 
 from pathlib import Path
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 DATASET = "sweep.nc"
 POINT, DRAW = "point", "draw"  # dimensions along which several axes, or the columns of a table, vary together
-LONGEST = 300  # saved length of a failure message [characters]
+LONGEST = 300  # largest saved length of a failure message [characters]
 
 
 def is_sweep(folder: str | Path) -> bool:
@@ -49,7 +49,7 @@ def open_sweep(folder: str | Path, *, short: bool = False) -> "xr.Dataset":
     Raises
     ------
     ValueError
-        If there is no sweep.
+        If the folder or file does not contain a sweep.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def _value(output: dict | None, name: str) -> float:
 
 
 def comparison_files() -> tuple[str, ...]:
-    """Names of the files that compare the members of sweeps, of all experiments and in all formats."""
+    """Names of the files that compare the members of sweeps, for all experiments and in all formats."""
     names = []
     for experiment in EXPERIMENTS:
         try:

@@ -1,6 +1,6 @@
 """Definition of a sweep: many scenarios from one, where a [sweep] table lists values or distributions for some keys.
 
-A value in the table is a list, or a table with one of the kinds below and `number`. Random values depend only on
+A value in the table is a list, or a table with one of `axes.KINDS` and `number`. Random values depend only on
 `draw_seed` and their own key, so adding another key does not change them. Points that do not satisfy the conditions
 `where` are rejected and counted. Conditions may contain names of swept keys, numbers, comparisons, arithmetic, `and`,
 `or` and `not`; everything else is rejected before Python evaluates anything.
@@ -49,8 +49,8 @@ FEWER = "use fewer values"
 class Sweep(NamedTuple):
     """Many scenarios: `base`, with the values of `axes` substituted.
 
-    In a grid, every axis is a dimension, and the columns of a table of draws share one. Otherwise all axes, except a
-    seed given as a count, vary together along one dimension, and every point is repeated for all seeds.
+    In a grid, every axis is a dimension, and the columns of a draws table share a dimension. Otherwise all axes, except
+    a seed given as a count, vary together along one dimension, and every point is repeated for all seeds.
     """
 
     MADE_BY = "sweep or io.read_sweep"
@@ -58,7 +58,7 @@ class Sweep(NamedTuple):
     base: dict
     axes: tuple[Axis, ...]
     mode: str  # "zip" for a grid with conditions, whose accepted points form a list
-    text: str  # canonical; the order of keys is that of the dimensions
+    text: str  # canonical text, in which the order of keys is that of the dimensions
     tried: int = 0  # number of points tested by conditions
     refused: tuple[tuple[str, int], ...] = ()  # conditions and the number of points rejected by each
 
@@ -289,14 +289,14 @@ ALLOWED = "use names of swept keys, numbers, comparisons, + - * / **, and, or, n
 
 
 class Condition(NamedTuple):
-    """A condition; several conditions joined by `and` are split."""
+    """One condition; conditions joined by `and` are split into several."""
 
     text: str
     holds: Callable[[dict], bool]  # function of {key: value}
 
 
 def parse_conditions(where, keys) -> tuple[Condition, ...]:
-    """Parse the conditions of a sweep, a text or a list of texts.
+    """Parse the conditions of a sweep, which are a text or a list of texts.
 
     Parameters
     ----------

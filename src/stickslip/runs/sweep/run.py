@@ -68,7 +68,7 @@ class MemberOutput(NamedTuple):
 
 @readable
 class SweepResult(NamedTuple):
-    """Outcome of all members, in order."""
+    """Outcomes of all members of a sweep, in order."""
 
     sweep: Sweep
     names: list[str]
@@ -119,7 +119,7 @@ def _time_first_member(text: str) -> float:
     """Return the run time of the first member in seconds, without one-time costs such as loading kernels."""
     seconds = PROBE
     for _ in range(2):
-        with tempfile.TemporaryDirectory() as scratch:  # outside of the sweep's folder, which may be inaccessible
+        with tempfile.TemporaryDirectory() as scratch:  # outside the sweep's folder, which may be inaccessible
             seconds = min(seconds, _run_member(text, 0, str(Path(scratch) / MEMBERS / FIRST), None, silent).seconds)
         if seconds > 0.3 * PROBE:  # a second run might exceed the limit
             break
@@ -201,7 +201,7 @@ def run_sweep(
 
 
 def members_of(part: tuple[int, int] | None, names: list[str]) -> set[int]:
-    """Numbers of the members of a part: every n-th one."""
+    """Numbers of the members that belong to a part: every n-th member."""
     first, every = part or (1, 1)
     return set(range(first - 1, len(names), every))
 
@@ -270,7 +270,7 @@ def _run_in_folder(scenario: ScenarioBase, folder: Path, look: Look | None, repo
     simulate = partial(experiment.simulate, scenario, folder=folder, workers=1, report=report)
     try:
         result = simulate()
-    except ArchiveError:  # damaged checkpoint, or one of another version, without a user to decide
+    except ArchiveError:  # the checkpoint is damaged or of another version, and no user can decide
         drop_pieces(folder)
         result = simulate()
     if look:
@@ -281,15 +281,15 @@ def _run_in_folder(scenario: ScenarioBase, folder: Path, look: Look | None, repo
     return time.perf_counter() - start, measures
 
 
-LISTED = 10  # largest numbers of listed failures, and of listed measures that no member has
-READY = "ready"  # file that marks a sweep that replaces another one as complete
+LISTED = 10  # largest number of listed failures, and of listed measures that no member has
+READY = "ready"  # file that marks a complete sweep, which is to replace another one
 
 
 def run_with_progress(
     chosen: Sweep, out: Path, *, workers: Workers, figures: bool, look: Look, confirm: Callable[[], bool],
     overwrite: bool = False, part: tuple[int, int] | None = None, gather: list[Path] = (),
 ) -> SweepResult | None:  # fmt: skip
-    """Print the number of members, let the user confirm it if it is large, validate all and run the unfinished ones.
+    """Print the number of members, let the user confirm a large number, validate all members, and run unfinished ones.
 
     Parameters
     ----------
@@ -409,7 +409,7 @@ def _install_results(out: Path, overwrite: bool = False) -> None:
 
 
 def describe_empty(names: list[str], written: Callable[[str], str] = str) -> str:
-    """Sentence on measures that no member has, without their errors; empty if there are none.
+    """Sentence listing measures that no member has, except errors of measures; empty if there are none.
 
     Parameters
     ----------
