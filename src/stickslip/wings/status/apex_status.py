@@ -55,11 +55,11 @@ from .system import (
     rolling_motions,
 )
 
-COMBINED = 3  # most bodies for which all combinations of released bodies are tried; each needs a factorisation of k
+COMBINED = 3  # largest number of bodies of which all combinations are released; each needs a factorisation of k
 
 
 class ReducedMap(NamedTuple):
-    """Map of some contacts of a packing, and the resulting velocities of all coordinates."""
+    """Map g of some contacts of a packing, and the resulting velocities of all coordinates."""
 
     apex: Apex
     free: np.ndarray  # (n,) velocities if all these contacts stick
@@ -80,7 +80,7 @@ def reduce_to_contacts(
     ----------
     load : (n,) rate of the external load on the free coordinates [force/time]
     contacts : (E,) indices of the contacts that may change their status; all others stick
-    sign : (E,) sgn D_t of those that carry a force at the Coulomb limit, 0 for those at the apex
+    sign : (E,) sgn D_t of contacts that carry a force at the Coulomb limit, 0 for contacts at the apex
     without : coordinates that are held fixed
     alone : (M,) bool, contacts of disks whose contacts are all at the apex
 
@@ -127,7 +127,7 @@ class ApexStatuses(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """Problem of `decide_statuses`."""
+    """Input of `decide_statuses`, with the contacts of each body."""
 
     matrix: LinearSystem
     load: np.ndarray
@@ -169,7 +169,7 @@ def decide_statuses(
 
 
 def _open_all(search: _Search) -> ApexStatuses | None:
-    """Statuses with which all contacts of spheres at the apex open, or None if these are not consistent.
+    """Return the statuses in which all contacts of spheres at the apex open, or None if they are not consistent.
 
     A sphere left with two other contacts may roll about the line through both, which can open its contacts at the apex.
     """
@@ -206,7 +206,7 @@ def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
 
 
 def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
-    """Combinations that release all bodies except those that others would drag along; others may exist."""
+    """Find combinations that release all bodies except those that would be dragged along; there may be more."""
     while True:
         good, caught, _ = _choices_with_released(search, released)
         if good or not len(released):
@@ -215,7 +215,7 @@ def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
 
 
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
-    """Consistent (statuses, V, stable, motion) with released bodies, those that stay caught, and whether all are found.
+    """Find consistent (statuses, V, stable, motion) with bodies released, bodies that stay caught, and completeness.
 
     A body may be dragged along by its smallest motion although another motion would release it; in that case, not all
     combinations were found.
@@ -286,7 +286,7 @@ def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
 def _dragged_bodies(
     search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Released bodies (B,) that close a contact even if they follow their neighbours, and this motion (n,)."""
+    """Return a mask (B,) of released bodies that close contacts even if they follow neighbours, and the motion (n,)."""
     matrix, ours, motion = search.matrix, search.ours, velocity.copy()
     if not len(loose):
         return np.zeros(len(ours), bool), motion
@@ -370,7 +370,7 @@ def contact_status(
         )  # fmt: skip
     if matrix.rigid is not None:
         raise ValueError(
-            "rigid bonds and contacts without force exclude each other, as it is not decided which open: use "
+            "rigid bonds and contacts without force exclude each other, as it is not decided which contacts open: use "
             "linear_system(..., bonds='elastic')"
         )
     mask = np.isin(np.arange(matrix.count), numbers)
@@ -378,7 +378,7 @@ def contact_status(
 
 
 def _status_at_apex(matrix: LinearSystem, load: np.ndarray, apex: np.ndarray, geometric: bool) -> ContactStatus:
-    """Verified status with contacts at the apex, (M,) bool, or NOT_FOUND."""
+    """Return a verified status with contacts at the apex, (M,) bool, or the verdict NOT_FOUND."""
     critical = np.flatnonzero(apex | matrix.limit)
     choice = decide_statuses(matrix, load, apex, geometric=geometric)
     if choice.status is None or not is_balanced(matrix, load, choice, geometric):
@@ -404,7 +404,7 @@ def _relative_velocities(matrix: LinearSystem, motion: np.ndarray) -> np.ndarray
 
 
 def is_balanced(matrix: LinearSystem, load: np.ndarray, choice: ApexStatuses, geometric: bool) -> bool:
-    """Return True if the law gives force rates at the velocities that balance the load, with these statuses."""
+    """Return True if, with these statuses and velocities, the force rates that the law gives balance the load."""
     velocity = _relative_velocities(matrix, choice.motion)
     special = np.flatnonzero(choice.apex | matrix.limit)
     part = Apex(
@@ -433,7 +433,7 @@ class Probed(NamedTuple):
 
 @checked
 def probe_statuses(state: State, law: Law, stresses: Numbers, *, unique: bool | None = True) -> tuple[Probed, ...]:
-    """Find the contact status under each of several rates of stress of a periodic cell.
+    """Find the contact status of a periodic packing for each of several stress rates.
 
     In 30 disks and 60 spheres with sliding contacts, small increments of stress, as in `protocols.response_envelope`,
     made the same contacts slide, and strains agreed to within 1.5e-4 of the largest strain
@@ -482,7 +482,7 @@ SOLVE = 1e-9, "one sparse or dense solve"
 
 
 def selfchecks() -> dict[str, Selfcheck]:
-    """Status of four critical contacts in a row of disks, given their slip (McNamara & Herrmann 2006)."""
+    """Check the status of four critical contacts in a row of disks with given slip (McNamara & Herrmann 2006)."""
     law = for_pair(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
     state = disk_array(5, press=1e-3, gap=-1e-3)
     lifted = state.grains.position - [0, 1e-3, 0]

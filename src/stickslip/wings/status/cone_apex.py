@@ -49,7 +49,7 @@ class Apex(NamedTuple):
     springs: np.ndarray  # (E, d, d) K [force/length]
     slope: np.ndarray  # (E,) m
     sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where all four statuses are possible
-    alone: np.ndarray  # (E,) bool, contacts of disks that have no others, and lose support if all open or slide
+    alone: np.ndarray  # (E,) bool, contacts of disks that have no others: the disk is free if all of them open or slide
 
     def check_entries(self) -> None:
         """Raise ValueError if an entry has a wrong type, shape or value."""
@@ -92,7 +92,7 @@ def stiffness_change(apex: Apex, status: np.ndarray, helped: bool = False) -> np
 
 
 def status_of_velocity(apex: Apex, velocity: np.ndarray, now: np.ndarray, slack: float = 0.0) -> np.ndarray:
-    """Status (E,) whose cell contains V; within `slack` of a boundary, the current status of the contact."""
+    """Return the status (E,) whose cell contains V or, within `slack` of a boundary, the current status."""
     normal, along = velocity.T
     forward, back = apex.slope * normal + along, apex.slope * normal - along
     touches = apex.sign == 0
@@ -146,7 +146,7 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
 
 
 def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
-    """Assign every contact the status of its cell until convergence; None if it is not reached."""
+    """Assign every contact the status of its cell until nothing changes; return None if there is no convergence."""
     seen = set()
     for _ in range(ROUNDS):
         if now.tobytes() in seen:
@@ -213,7 +213,7 @@ def _crossing_rate(bound, move: np.ndarray) -> float:
 
 
 def _next_crossing(apex: Apex, here: np.ndarray, move: np.ndarray, now: np.ndarray):
-    """Length of a move until the first contact leaves its cell; that contact, its new cell and the boundary."""
+    """Return how far a move goes before a contact leaves its cell, and that contact, its new cell and the boundary."""
     best, contact, to, crossed = np.inf, -1, STICKS, None
     slack = 1e-12 * np.abs(move).max(initial=0.0)
     for k, status in enumerate(now):
@@ -302,7 +302,8 @@ def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     """Find all consistent statuses by enumeration, and test whether det k has the same sign for all combinations.
 
-    Combinations with the same velocities, which lie on a boundary of their cells, count once. The limit is 4096.
+    Combinations with the same velocities, which lie on a boundary of their cells, count once. At most 4096
+    combinations are enumerated.
 
     Returns
     -------
@@ -376,7 +377,7 @@ def _derivative(apex: Apex, by: np.ndarray) -> np.ndarray:
 
 
 def _newton_on_round_cones(apex: Apex, velocity: np.ndarray) -> np.ndarray | None:
-    """V with g(V) = V₀ by Newton's method, with shorter steps where the residual would not fall; None on failure."""
+    """Solve g(V) = V₀ by Newton's method, with shorter steps where the residual would not decrease; None on failure."""
 
     def rest(v: np.ndarray) -> np.ndarray:
         lost = np.einsum("eab,eb->ea", apex.springs, round_cone_stretch(apex, v)[0] - v)

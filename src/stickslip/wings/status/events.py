@@ -25,16 +25,16 @@ from .matrices import contact_frames, joined_bodies
 from .status import ContactStatus
 
 NUDGE = 1e-12  # gap to which rattlers are pushed aside, and overlap of a new contact, over the radius
-ROUNDS = 30  # iterations of pushing, since directions change
-NEAR = 30.0  # gap over the deepest overlap, within which a pair may close while rattlers move
+ROUNDS = 30  # largest number of iterations of pushing, needed because directions change
+NEAR = 30.0  # gap over the deepest overlap within which a pair may close while rattlers move
 BALANCED = 1e-8  # residual of a force balance, for forces of size 1
 ROTATIONS = {2: [2], 3: [0, 1, 2]}  # axes about which grains rotate
 TURNS = 2 * np.pi * np.arange(12) / 12
-EDGES = {2: np.array([[1.0], [-1.0]]), 3: np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1)}  # of the cone, over μ F_n
+EDGES = {2: np.array([[1.0], [-1.0]]), 3: np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1)}  # cone edges over μ F_n
 
 
 def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (C, 3) and gaps (C,) of pairs of the list; a negative gap is an overlap [length]."""
+    """Return normals (C, 3) and gaps (C,) of pairs in the contact list; a negative gap is an overlap [length]."""
     n, radius = len(state.grains.radius), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
     branch = branch_vectors(state)[rows]
     contacts, distance = state.contacts, np.linalg.norm(branch, axis=1)
@@ -130,7 +130,7 @@ def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np
 
 
 def _gap_directions(i, j, normal, number) -> np.ndarray:
-    """(C, dim L) derivatives of gaps with respect to positions of rattlers, or of those that beams join."""
+    """Return derivatives (C, dim L) of gaps with respect to positions of L rattlers, or of groups joined by beams."""
     dim = normal.shape[1]
     out = np.zeros((len(i), dim * (number.max() + 1)))
     for body, sign in ((i, 1.0), (j, -1.0)):
@@ -157,7 +157,7 @@ def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[
 def _wedging_contacts(state: State, i, j, frame, mu, unit, number) -> np.ndarray:
     """Indices of contacts that can hold rattlers by balanced forces within their cones; empty if none can.
 
-    In space, the cones are replaced by pyramids within them.
+    In three dimensions, the cones are replaced by pyramids within them.
     """
     if len(i) < 2:
         return np.zeros(0, int)
@@ -205,10 +205,10 @@ def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
     return state._replace(contacts=contacts._replace(mode=modes, slip=slip, pair=pair, roll=roll))
 
 
-APEX = 1e-6  # normal force over its mean, at which a contact is at the apex of the cone
-NEAR_APEX = 1e-4  # normal force over its mean, below which a linear step reaches the apex to within APEX
-NEAR_CONE = 1e-5  # distance from the cone over the normal force, below which a linear step reaches the cone
-APPROACH = 0.9  # fraction of the distance to an event, which a linear step would miss, after which c is recomputed
+APEX = 1e-6  # normal force over its mean at which a contact is at the apex of the cone
+NEAR_APEX = 1e-4  # normal force over its mean below which a linear step reaches the apex to within APEX
+NEAR_CONE = 1e-5  # distance from the cone over the normal force below which a linear step reaches the cone
+APPROACH = 0.9  # fraction of the distance to an event that a linear step would miss; c is recomputed there
 TOGETHER = 1e-9  # fraction of an increment within which events are simultaneous
 NEAR_BREAK = 1e-5  # margin of a bond, relative to its strength, below which a linear step breaks it
 REACHES, CLOSES, AT_APEX, NEARS, INCREMENT, BREAKS = (
@@ -269,7 +269,7 @@ def next_event(
 
 
 def _first_break(increment, moved: np.ndarray, velocity: np.ndarray, first: NextEvent) -> NextEvent:
-    """First bond whose load, which changes linearly, reaches its strength."""
+    """Find the first bond whose load, which changes linearly, reaches its strength."""
     state, free, loose = increment.state, increment.matrix.free, increment.loose
     held = state.bonds.intact & ~(loose[state.bonds.i] | loose[state.bonds.j])
     here, ahead = (
@@ -358,7 +358,7 @@ def _first_on_apex(increment, force, rate, first: NextEvent, left: float) -> Nex
 
 
 def with_partners(increment, contacts: np.ndarray) -> np.ndarray:
-    """Given contacts plus the other contact of each disk that has two, since both reach the apex together."""
+    """Add to the given contacts the other contact of each disk that has two, since both reach the apex together."""
     chosen = np.zeros(increment.matrix.count, bool)
     chosen[contacts] = True
     while True:
@@ -378,7 +378,7 @@ def open_pairs(state: State, loose: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def _first_closing(increment, choice: ContactStatus, first: NextEvent) -> NextEvent:
-    """First pair that closes."""
+    """Find the first pair that closes, if it does so before the end found so far."""
     state, rows = increment.state, increment.gap_rows
     moves = increment.matrix.free.spread(choice.velocity)[:, :3]
     normal, gap = gaps(state, rows)

@@ -80,7 +80,7 @@ class LinearSystem(NamedTuple):
     slope: np.ndarray  # (M,) m, the rate at which D_t of a sliding contact follows D_n
     sign: np.ndarray  # (M,) sgn D_t
     mu: np.ndarray  # (M,)
-    force: np.ndarray  # (M, d) on body i [force]
+    force: np.ndarray  # (M, d) force of each contact on its body i [force]
     limit: np.ndarray  # (M,) bool: currently at the Coulomb limit
     geometric: sparse.csr_array  # (n, n) geometric stiffness [force/length]
     machine: sparse.csr_array  # (n, n) stiffness of springs that pull bodies, and of bonds [force/length]
@@ -116,9 +116,9 @@ def linear_system(
     """Compute the matrices of an accepted state.
 
     Intact bonds are constraints, or springs. A rigid bond neither stretches nor, if it has the stiffness for
-    it, shears, bends or twists: B v = 0 with the rates of these deformations. Grains joined by bonds that resist all
-    of these move as one, and contacts between them neither slide nor open. Under a load, velocities are those of
-    elastic bonds in the limit of infinite stiffness; forces that bonds carry turn with them.
+    it, shears, bends or twists: B v = 0, where B v are the rates of these deformations. Grains joined by bonds that
+    resist all of these move as one, and contacts between them neither slide nor open. Under a load, velocities are
+    those of elastic bonds in the limit of infinite stiffness; the forces that bonds carry turn with the bonds.
 
     Parameters
     ----------
@@ -132,8 +132,8 @@ def linear_system(
     Raises
     ------
     ValueError
-        For a smooth law, under which contacts neither slide nor stick; for rolling resistance; or if walls cannot
-        rotate.
+        If the law is smooth, so that contacts neither slide nor stick; if it has rolling resistance; or if `wall_arm`
+        is given but walls cannot rotate.
     """
     if law.coulomb == builtin.SMOOTH:
         raise ValueError(
@@ -192,7 +192,7 @@ def linear_system(
 
 
 def joined_bodies(state: State) -> np.ndarray:
-    """(B,) first of the bodies that intact beams join to each body."""
+    """Return, for each body (B,), the first of the bodies that intact beams join to it."""
     if not state.bonds:
         return np.arange(state.n_bodies)
     beams = np.flatnonzero(is_beam(state.bonds, state.cell.dim))
@@ -259,7 +259,7 @@ def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
 
 
 def _unwrapped(n: int, i: np.ndarray, j: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cluster of each of n bodies joined by bonds, and the image (n, 3) that places it next to the others."""
+    """Return the cluster of each of n bodies joined by bonds, and the image (n, 3) that puts it next to the others."""
     joined = sparse.coo_array((np.ones(len(i)), (i, j)), shape=(n, n))
     part = connected_components(joined, directed=False)[1]
     first = np.unique(part, return_index=True)[1]
@@ -447,7 +447,7 @@ def force_rates(matrix: LinearSystem, sliding: np.ndarray, velocity: np.ndarray)
 
 
 def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
-    """(M,) mask of sliding contacts: the given one, or contacts currently at the Coulomb limit."""
+    """Return the mask (M,) of sliding contacts: the given mask or, by default, contacts now at the Coulomb limit."""
     sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
     if sliding.shape != (matrix.count,):
         raise ValueError(
