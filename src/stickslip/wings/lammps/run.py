@@ -346,7 +346,7 @@ def walls_at(leg: Leg, elapsed: float):
             rate, column = control.rate[n + w, k], int(control.follows[n + w, k])
             if not rate:
                 continue
-            moved, factor, end = elapsed, 1.0, leg.state.time + elapsed  # integral of the velocity factor, and its end value
+            moved, factor, end = elapsed, 1.0, leg.state.time + elapsed  # integral of the velocity, and its end value
             if column >= 0 and (wave := leg.waves.get(column)):
                 turn = 2 * np.pi * wave.frequency
                 first, last = (turn * (t - wave.start) + wave.phase for t in (leg.state.time, end))

@@ -38,7 +38,7 @@ GREY = "0.85"
 
 @styled
 def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirement(require_filled)]):
-    """Loops at up to six amplitudes, about the mean stress of the last cycle; the last cycle is drawn dark.
+    """Plot loops at up to six amplitudes, relative to the mean stress of the last cycle, which is drawn dark.
 
     Parameters
     ----------
@@ -67,11 +67,11 @@ def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirem
 
 @styled
 def modulus_and_damping(tables: Annotated[list[_Table], Requirement(require_filled)], sands: dict | None = None):
-    """G/Gmax and damping ratio against the amplitude, one line per sample.
+    """Plot G/Gmax and damping ratio against the amplitude, one line per sample.
 
     Parameters
     ----------
-    sands : amplitude, and smallest and largest G_ratio and damping of sands
+    sands : range for sands: amplitudes, and the smallest and largest `G_ratio` and `damping` at each
     """
     figure, panels = column_axes(2, 4.0, sharex=True)
     for axes, name in zip(panels, ("G_ratio", "damping"), strict=True):
@@ -108,7 +108,7 @@ def complex_modulus(tables: list[_Table], scales: list[float]):
 
 @styled
 def work(table: _Table, parts: tuple[str, ...]):
-    """Contributions to the area of the last loop at each amplitude: stacked bars, with negative ones below zero."""
+    """Plot contributions to the area of the last loop at each amplitude as stacked bars, negative ones below zero."""
     figure, axes = column_axes(1, 2.8)
     clear = np.isfinite(table["sliding"])
     place = np.arange(clear.sum())

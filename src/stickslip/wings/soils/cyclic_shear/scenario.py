@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from ....kit import Listed, Positive, ScenarioTable, Size
 from ..element_test.scenario import NARROWEST, ElementLaw, SampleScenario, widest_shear
 
-SMALLEST = 1e-8  # smallest amplitude: its stress is about 1e-6 of the pressure, which is balanced to 1e-9
+SMALLEST = 1e-8  # smallest amplitude; its stress is about 1e-6 of the pressure, and equilibria are accurate to 1e-9
 
 
 class Cycles(ScenarioTable):
@@ -62,6 +62,6 @@ class CyclicShearScenario(SampleScenario):
         return self
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over the steps of the cycles."""
+        """Yield the number of load steps in all cycles."""
         count = len(self.cycles.amplitudes) * self.cycles.number * self.cycles.steps
         yield Size("cycles.amplitudes, number and steps require", count, "load steps", "use fewer of them")

@@ -1,6 +1,6 @@
-"""Simulation of cyclic shear, and quantities of its cycles: modulus, damping ratio, split of the work, return.
+"""Simulation of cyclic shear, and measures of its cycles: modulus, damping ratio, split of the work, and return.
 
-Each step ends in equilibrium, and its energies are posted to a ledger. γ_a and τ_a = G γ_a are the amplitudes between
+Each step ends in equilibrium, and its energies are entered in a ledger. γ_a and τ_a = G γ_a are the amplitudes between
 the turns of a loop. The damping ratio is D = ΔW/(4π W), with the area ΔW of the loop and W = ½ τ_a γ_a. ΔW is the work
 of the shear stress, including work within steps in which grains rearrange. G′ and G″ are the first Fourier coefficients
 of τ over γ₀, for γ = γ₀ sin θ, so ΔW = π γ₀² G″ up to the error of the trapezoidal rule.
@@ -44,7 +44,7 @@ from ..element_test.simulate import MODULI_UP_TO
 from . import EXPERIMENT
 from .scenario import CyclicShearScenario
 
-ELASTIC = 1e-3  # damping ratio below which cycles that return are elastic
+ELASTIC = 1e-3  # damping ratio below which cycles are elastic if the grains return
 RETURNED = 1e-2  # rms displacement over γ₀ D below which a sample has returned
 CLEAR = 1e-5  # damping ratio above which the work is split; the area of smaller loops is lost in round-off
 NAN = float("nan")
@@ -226,7 +226,7 @@ def _measure(rig: Rig, state: State, account: PathLedger, rearranged: bool) -> d
 
 
 class SlidingWork:
-    """Work of friction by contact, from the slip between equilibria."""
+    """Work of friction at each contact, computed from the slip between equilibria."""
 
     def __init__(self):
         self.keys, self.values, self.in_strong = [], [], 0.0
@@ -273,7 +273,7 @@ def _distance(one: State, other: State, law: Law) -> float:
 
 
 def tangent_modulus(rig: Rig) -> float:
-    """Modulus dτ/dγ of the sample from its elastic moduli, at constant volume or constant σ_yy; NaN if it has none."""
+    """Return dτ/dγ at constant volume or constant σ_yy from elastic moduli of the sample; NaN if they are unknown."""
     if len(rig.sample.grains.radius) > MODULI_UP_TO:
         return np.nan
     try:
@@ -431,7 +431,7 @@ def largest_modulus(run: CyclicRun) -> float:
 
 
 def period(response: Response) -> int:
-    """Number of cycles after which grains return, in the last cycles; 0 if they do not."""
+    """Return the number of cycles after which grains return, judged at the last cycle; 0 if they do not return."""
     back = response.distance[-1][-2::-1]
     returned = np.flatnonzero(back < RETURNED)
     return int(returned[0]) + 1 if len(returned) else 0

@@ -128,8 +128,8 @@ def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.
         q = out.setdefault("q", difference)
         if np.abs(q - difference).max() > CLOSE * np.abs(q).max():
             raise ValueError(
-                f"{path}: q reaches {_kpa(q)}, but the axial stress minus the cell pressure {_kpa(difference)}: "
-                f"correct the wrong column or unit"
+                f"{path}: q reaches {_kpa(q)}, but the axial stress minus the cell pressure reaches "
+                f"{_kpa(difference)}: correct the wrong column or unit"
             )
     if "cell_pressure" in values and not {"p", "q", "axial_stress", "pore_pressure"} & set(out):
         out["p"] = values["cell_pressure"]

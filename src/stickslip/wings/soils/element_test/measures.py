@@ -56,7 +56,7 @@ def pore_pressure(series: ElementSeries, dim: int, fluid: float | None = None) -
 
 
 def invariants(stress: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean stress p and deviatoric stress q of stresses (T, 3, 3); q is negative in extension, and where −σ_xy is."""
+    """Return p and q of stresses (T, 3, 3); q is negative in extension and where the shear stress −σ_xy is negative."""
     part = 0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim]
     p = np.trace(part, axis1=1, axis2=2) / dim
     deviator = part - p[:, None, None] * np.eye(dim)
@@ -103,7 +103,7 @@ def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
 
 
 class Slope(NamedTuple):
-    """Fall of void ratio with the logarithm of pressure, and half of its 95 % interval."""
+    """Decrease of the void ratio with the logarithm of pressure, and half of its 95 % interval."""
 
     index: float  # −de/d log10 of the pressure
     error: float
@@ -171,7 +171,7 @@ def legs_of(series: ElementSeries, dim: int, kind: str) -> list[Leg]:
 
 
 class LoadedSample:
-    """One sample and its scenario, to which `SERIES` and `SAMPLE` apply."""
+    """One sample and its scenario; `SERIES` and `SAMPLE` are computed from it."""
 
     def __init__(self, run: ElementRun, scenario: ElementTestScenario):
         self.run, self.series, self.scenario = run, run.series, scenario
@@ -255,7 +255,7 @@ class LoadedSample:
 
     @property
     def psi(self) -> float:
-        """Dilatancy angle at the peak; NaN if it cannot be fitted, or with cement, whose peak is brittle."""
+        """Dilatancy angle at the peak; NaN if it cannot be fitted, or if cement makes the peak brittle."""
         leg = self.first
         length = leg.load[-1] - leg.load[0]
         reach = min(PEAK * abs(length), 0.5 * abs(leg.load[self.top] - leg.load[0]))  # without the elastic start
@@ -283,7 +283,7 @@ class LoadedSample:
 
     @cached_property
     def drifts(self) -> np.ndarray:
-        """Volumetric over imposed strain, and relative changes of q/p and p, in the last third of the last leg."""
+        """Volumetric over imposed strain rate, and relative changes of q/p and p, in the last third of the last leg."""
         leg, rows = self.last, self.late
         out = [leg.slope(leg.strain, rows)[: self.dim].sum()]
         for values in (leg.q / leg.p, leg.p):
@@ -358,7 +358,7 @@ class LoadedSample:
 
     @cached_property
     def rowe(self) -> tuple[float, float]:
-        """Angle and correlation of Rowe's relation in triaxial compression.
+        """Friction angle and correlation coefficient of Rowe's relation in triaxial compression.
 
         σ₁/σ₃ = K (1 − dε_v/dε₁), K = (1 + sin φ)/(1 − sin φ).
 
@@ -489,7 +489,7 @@ SERIES = Quantities([
 
 
 def _cemented(of: Callable[[LoadedSample], float], *, holds: bool = False) -> Callable[[LoadedSample], float]:
-    """Quantity of a cemented sample, or only of one that `holds` together; NaN for others."""
+    """Restrict a quantity to cemented samples or, with `holds`, to those that hold together; it is NaN for others."""
     return lambda t: of(t) if t.cement and (t.holds or not holds) else NAN
 
 

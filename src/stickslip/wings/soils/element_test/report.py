@@ -330,7 +330,7 @@ def with_error(value: float, error: float, unit: str = "") -> str:
 
 
 class Envelope(NamedTuple):
-    """Envelope τ = c + σ tan φ of Mohr circles, with halves of 95 % intervals (NaN with two circles)."""
+    """Envelope τ = c + σ tan φ of Mohr circles, with half-widths of 95 % intervals (NaN for two circles)."""
 
     phi: float  # [degrees]
     cohesion: float  # in the unit of the stresses
@@ -387,7 +387,7 @@ def _least_squares(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, n
 
 
 class CriticalLine(NamedTuple):
-    """Critical-state line q = M p, e = Γ − λ ln p, with halves of 95 % intervals (NaN with two states)."""
+    """Critical-state line q = M p, e = Γ − λ ln p, with half-widths of 95 % intervals (NaN for two states)."""
 
     ratio: float  # M
     intercept: float  # Γ, void ratio at p = 1
@@ -427,7 +427,7 @@ def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> C
     """
     p, q, e = (np.asarray(values, float) for values in (p, q, void_ratio))
     if len(p) < 2 or not np.ptp(p) > 1e-6 * np.abs(p).max():
-        raise ValueError(f"a critical-state line needs states at two mean stresses, but all {len(p)} have the same")
+        raise ValueError(f"a critical-state line needs states at two mean stresses, but all {len(p)} have the same one")
     if not (p > 0).all():
         raise ValueError(f"mean stresses of a critical-state line must be positive, got {p.min():.3g}")
     (intercept, fall), spread = _least_squares(np.column_stack([np.ones(len(p)), np.log(p)]), e)
@@ -439,7 +439,7 @@ def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> C
 
 
 class Circles(NamedTuple):
-    """Mohr circles of members that differ in pressure, and their envelope at one state."""
+    """Mohr circles, at one state, of members that differ in pressure, and the envelope of these circles."""
 
     group: str  # other swept values
     state: str
@@ -559,7 +559,7 @@ def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
 
 
 def _in_compression(sigma1: np.ndarray, sigma3: np.ndarray) -> np.ndarray:
-    """Circles to which the envelope is fitted."""
+    """Return the mask of the circles to which the envelope is fitted."""
     return sigma1 > -sigma3
 
 
@@ -583,7 +583,7 @@ def _table(members: list[SweepMember], remarks: list[str], pressure: str) -> str
     names += ["E", "nu", "UCS", "tensile_strength", "broken_tension", "broken_shear"]
     names = [part for name in names for part in (name, f"{name}_error")]
     units = {name: unit for member in members for name, (_, unit) in member.measures.items()}
-    names = [name for name in names if name in units]  # members of earlier versions lack some
+    names = [name for name in names if name in units]  # members computed by earlier versions lack some
     keys = list(members[0].values)
     stress = units["sigma1_peak"]
     headings = [heading_of(key, stress) if key == pressure else key for key in keys]

@@ -1,8 +1,8 @@
 """Samples of element tests: imposed strains and stresses of the cell, cement, and directions in which they can fail.
 
 The axial direction is the last, y for disks and z for spheres. Compression is positive in strains and stresses. Cement
-is made of bonds. Most signs of failure assume that contacts at the Coulomb limit keep sliding. Second-order work
-follows each direction by finite steps instead, and uniqueness concerns all statuses of these contacts.
+is made of bonds. Most signs of failure assume that contacts at the Coulomb limit keep sliding. Second-order work is
+instead found by finite steps in each direction, and uniqueness concerns all statuses of these contacts.
 
 Source
 ------
@@ -134,7 +134,7 @@ def check_pressures(
 
 
 def make_sample(sample: ElementSample, law: Law, seed: int, report: Report) -> tuple[State, PackingInfo]:
-    """Isotropic sample, compressed with the friction that controls its density, then settled under its law."""
+    """Compress an isotropic sample with the friction that controls its density, then settle it under its law."""
     friction = sample.friction
     slippery = law if friction is None else with_values(law, mu=friction)
     state, _ = compressed(
@@ -179,7 +179,7 @@ NO_BREAKS = Breaks(*np.zeros((3, 0), int), np.zeros(0, bool), np.zeros(0), np.ze
 
 
 def join(parts: list[Breaks]) -> Breaks:
-    """Join several catalogues."""
+    """Join several catalogues of broken bonds."""
     return Breaks(*map(np.concatenate, zip(NO_BREAKS, *parts, strict=True)))
 
 
@@ -210,7 +210,7 @@ def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int)
 def unloaded(
     state: State, law: Law, pressures: tuple[float, float], mass: float, scales: Scales, tolerance: float
 ) -> Cemented:
-    """Cemented sample after small steps of isotropic pressure from the first to the second value.
+    """Change the isotropic pressure of a cemented sample in small steps from the first to the second value.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def has_failed(stress: np.ndarray, cement: Cement, dim: int) -> bool:
     return bool(len(lead) and lead[-1] < cement.until * lead.max())
 
 
-SPECTRA_UP_TO = 6000  # largest number of coordinates for eigenvalues, which take about a minute
+SPECTRA_UP_TO = 6000  # largest number of coordinates for which eigenvalues are computed, in about a minute
 SIGNS = {
     "complex pair, fixed strain": "an oscillation grows while the cell is held",
     "complex pair, fixed stress": "an oscillation grows while all stresses are held",
@@ -270,7 +270,7 @@ class ProbedState(NamedTuple):
 
     @property
     def signs(self) -> dict[str, bool]:
-        """Presence of each of `SIGNS`."""
+        """For each of `SIGNS`, True if the state shows it."""
         if self.envelope is None or self.band is None:
             return dict.fromkeys(SIGNS, False)
         verdict = UniquenessVerdict[self.unique]
@@ -338,7 +338,7 @@ def _uniqueness(loose: State, law: Law) -> str:
 
 
 def first_seen(probes: tuple[ProbedState, ...]) -> dict[str, ProbedState | None]:
-    """First state of a path that shows each sign."""
+    """Return, for each sign, the first state of a path that shows it."""
     return {sign: next((state for state in probes if state.signs[sign]), None) for sign in SIGNS}
 
 

@@ -102,8 +102,8 @@ class SieveTable(ScenarioTable):
     def _check_table(self):
         if len(self.sizes) != len(self.passing):
             raise ValueError(
-                f"grading.sizes has {len(self.sizes)} entries and grading.passing {len(self.passing)}: give equally "
-                f"many"
+                f"grading.sizes has {len(self.sizes)} entries, but grading.passing has {len(self.passing)}: give the "
+                f"same number"
             )
         if list(self.sizes) != sorted(set(self.sizes)) or list(self.passing) != sorted(set(self.passing)):
             raise ValueError("grading.sizes and grading.passing must increase from each entry to the next: sort them")
@@ -169,7 +169,7 @@ class ElementSample(ScenarioTable):
 
     @property
     def width(self) -> float:
-        """Width of the cell, before the sample is made [length]."""
+        """Width of the cell, estimated before the sample is made [length]."""
         solid = (pi / 4 * self.diameters**2 if self.dim == 2 else pi / 6 * self.diameters**3).sum()
         return float(solid / DENSITY[self.dim]) ** (1 / self.dim)
 
@@ -396,7 +396,7 @@ class ElementTestScenario(SampleScenario):
 
     @property
     def contact_modulus(self) -> float | None:
-        """Young's modulus of the grains, kn/D50^(dim−2) of linear springs; None for other laws [force/length^(dim−1)].
+        """Young's modulus of grains, or kn/D50^(dim−2) of linear springs; None for other laws [force/length^(dim−1)].
 
         For disks it is a force per length, E D50.
         """
@@ -516,7 +516,7 @@ class ElementTestScenario(SampleScenario):
         if (self.path.fluid_modulus or 0.0) > most:
             raise ValueError(
                 f"path.fluid_modulus must be at most {STIFFEST:g} sample.pressure = {most:g}, beyond which round-off "
-                f"of the volume counts, got {self.path.fluid_modulus:g}: leave it out for an incompressible fluid"
+                f"of the volume matters, got {self.path.fluid_modulus:g}: leave it out for an incompressible fluid"
             )
         return self
 
@@ -547,7 +547,7 @@ class ElementTestScenario(SampleScenario):
         return self
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over the steps of the path."""
+        """Yield the number of steps of the path."""
         isotropic = self.path.kind == "isotropic"
         turns = tuple(log(p) / LOG_STEP for p in self.path.turns) if isotropic else (0.0, *self.path.turns)
         length = sum(abs(b - a) for a, b in pairwise(turns))

@@ -134,7 +134,7 @@ class Piece(NamedTuple):
 
 
 Steps = Iterator[tuple[State, float, bool]]  # state, load, and True if dynamics was needed
-SAVED = (  # classes in saved results
+SAVED = (  # classes of saved results
     ElementRun, PackingInfo, SmallStrain, Piece, ProbedState, Envelope, Localisation, Breaks, Cemented,
 )  # fmt: skip
 
@@ -403,7 +403,7 @@ def _probe(rig: Rig, state: State, load: float, rearranged: bool) -> ProbedState
 
 
 def _hold_cell(state: State) -> State:
-    """State with a cell that does not follow the stress."""
+    """Return the state with a cell that is held and does not follow the stress."""
     nothing = np.zeros((3, 3))
     return state._replace(
         control=state.control._replace(cell_free=nothing.astype(bool), cell_rate=nothing, stress=nothing)
@@ -411,7 +411,7 @@ def _hold_cell(state: State) -> State:
 
 
 def _load_further(rig: Rig, state: State, scales: Scales) -> State:
-    """State after small further steps from rest, the last `FURTHER` of them without dynamics if possible."""
+    """Load a state at rest further by small steps, the last `FURTHER` of them without dynamics if possible."""
     overlap = overlaps(state)[touching(state)].mean() / (2 * state.grains.radius.mean())
     step, keep, calm = np.sign(rig.scenario.path.turns[0]) * FURTHER_BY * overlap / FURTHER, Factorisation(), 0
     state = controlled(state, rig.drive, np.diag(stress(state, rig.law)))
@@ -427,7 +427,7 @@ def quasi_static(
     rig: Rig, state: State, loads: np.ndarray, done: int,
     *, broke: Callable[[State, State], None] = lambda before, after: None,
 ) -> Steps:  # fmt: skip
-    """Equilibria at the loads from number `done`: state, load, and True if dynamics was needed; see `settle`."""
+    """Yield equilibria at the loads from number `done`: state, load, and True if dynamics was needed; see `settle`."""
     path = rig.scenario.path
     scales, wanted = rig.scales(rig.scenario.stress_scale), np.full(3, rig.scenario.confining)
     if done and depends_on_stress(path):
@@ -465,7 +465,7 @@ def _seal(rig: Rig, state: State, total: float, scales: Scales) -> tuple[State, 
 
 
 def _strained(state: State, drive: Drive, step: float) -> State:
-    """State after an affine increment of the driven strain."""
+    """Return the state after an affine increment of the driven strain."""
     gradient = drive.gradient * step
     return strained(state, gradient if gradient[0, 1] else np.diag(np.expm1(np.diag(gradient))))
 
@@ -497,7 +497,7 @@ def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -
 
 
 def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
-    """States at the loads from number `done` of a test at a finite rate."""
+    """Yield the states of a test at a finite rate, at the loads from number `done`."""
     scenario = rig.scenario
     path, rate, p = scenario.path, scenario.rate, scenario.sample.pressure
     isotropic = path.kind == "isotropic"
@@ -550,7 +550,7 @@ def _follow_total(rig: Rig, scales: Scales, pressure: float, state: State, time:
 
 
 def _advance(rig: Rig, state: State, steps: int, scales: Scales) -> State:
-    """State after some time steps of the scenario's engine."""
+    """Return the state after some time steps of the scenario's engine."""
     state, _, outcome = run(state, rig.law, steps, scales.dt, drag=SETTLING_DRAG / scales.time, engine=rig.engine)
     if not outcome.ok:
         raise RuntimeError(f"the run ended: {outcome}")
