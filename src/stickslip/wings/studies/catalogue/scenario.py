@@ -57,12 +57,12 @@ class CatalogueScenario(ScenarioBase):
     shear: EventShear
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over the strain steps of a packing."""
+        """Yield the number of strain steps of a packing."""
         steps = self.shear.strain / self.shear.step
         yield Size("the shear of a packing takes", steps, "load steps", "use a larger shear.step")
 
     @model_validator(mode="before")
     @classmethod
     def _name_missing_drag(cls, tables):
-        """Report that shear.drag is missing if the table [shear] is."""
+        """Add an empty table [shear] if it is missing, so that the error message names shear.drag."""
         return {"shear": {}} | tables if isinstance(tables, dict) else tables

@@ -108,7 +108,7 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
 
 
 def _fill_rows(widths: np.ndarray, room: float) -> list[list[int]]:
-    """Numbers of the panels of each row, as many as there is room for."""
+    """Distribute panels over rows of a given width; return the numbers of the panels in each row."""
     rows: list[list[int]] = [[]]
     for k, width in enumerate(widths):
         if rows[-1] and widths[rows[-1]].sum() + width > room:

@@ -1,6 +1,6 @@
 """Initial state of a flow (grains on a loose lattice between walls and plates), and the stages that follow.
 
-Stages move walls and plates and set gravity and drag; engines and LAMMPS run them as legs.
+Stages move walls and plates and set gravity and drag; an engine, for example LAMMPS, runs each stage as a leg.
 """
 
 from collections.abc import Iterator

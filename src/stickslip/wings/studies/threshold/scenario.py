@@ -169,7 +169,7 @@ class ThresholdScenario(ScenarioBase):
     kicks: Kicks = Kicks()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over load steps, runs, and time steps per run."""
+        """Yield the numbers of load steps, runs, and time steps per run."""
         load, kicks = self.load, self.kicks
         runs = len(load.loads) * len(kicks.velocities) * kicks.realizations
         yield Size("load takes", load.loads[-1] / load.step, "load steps", "use a larger load.step")

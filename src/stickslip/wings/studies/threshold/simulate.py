@@ -120,7 +120,7 @@ def _check_kicks(scenario: ThresholdScenario, state: State, law: Law) -> None:
 def raise_load(
     state: State, loads, protocol: Protocol, distance: float, kept: Checkpoint | None, report: Report
 ) -> tuple[list[Equilibrium], float]:
-    """Equilibria along rising loads until the sample slides, and the load at which it slides (NaN if never).
+    """Find equilibria along rising loads until the sample slides; return them and the load at which it slides, or NaN.
 
     The sample slides if there is no equilibrium, or only one farther away than a given distance.
     """
@@ -164,7 +164,7 @@ def simulate_threshold(
     ScenarioError
         If the sample slides spontaneously below the smallest load of the kicks, or if its runs would be unstable.
     RuntimeError
-        If a run blows up.
+        If a run becomes numerically unstable.
 
     Examples
     --------
