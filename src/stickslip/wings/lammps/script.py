@@ -77,7 +77,7 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 
     Parameters
     ----------
-    begin : the data file, which is written too, or a restart file from which the leg starts
+    begin : file from which the leg starts: the data file, which is then written too, or a restart file
     """
     folder.mkdir(parents=True, exist_ok=True)
     if begin == DATA:
@@ -186,7 +186,7 @@ def _tension_option(law: Law) -> str:
 
 
 def granular_style(law: Law, values: dict[str, float]) -> str:
-    """Return the text of a law for `pair_style granular`; γ_t is a multiple of γ_n, and E applies to ν = 0."""
+    """Return a law as text for `pair_style granular`; γ_t is relative to γ_n, and E is that of grains with ν = 0."""
     name = name_with_radius(law)
     (normal, tangential), damping_n, share = lammps_laws.MODELS[name], values["damping_n"], values["damping_t"]
     damping = next(word for word, model in builtin.DAMPING.items() if model == law.damping & ~builtin.NO_TENSION)

@@ -1,4 +1,4 @@
-"""A leg in terms of LAMMPS: supported conditions, atom types, rigid groups, and formulas for a deforming cell.
+"""Translation of a leg to LAMMPS: supported conditions, atom types, rigid groups, and formulas for a deforming cell.
 
 A cell may also follow a stress. LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. LAMMPS
 moves grains with their laboratory velocities u = v + L x at mid-step, where v are the velocities used here. The effect
@@ -320,7 +320,7 @@ def check_law(law: Law, state: State) -> None:
             f"hertz_mindlin_reff, {STAY}"
         )
     if builtin.rescales(law) and len(state.walls.mass):
-        raise ScenarioError(f"LAMMPS computes different torques at walls under a rescaled law: {STAY[3:]}")
+        raise ScenarioError(f"LAMMPS computes torques at walls differently under a rescaled law: {STAY[3:]}")
 
 
 def name_with_radius(law: Law) -> str:

@@ -166,7 +166,7 @@ def watch(
 ) -> Iterator[Progress]:  # fmt: skip
     """Compute every frame that is not in `known`, and yield the progress before and after each.
 
-    The newest frame is computed first, the others while the simulation is not writing.
+    The newest frame is computed first, and the other frames while the simulation is not writing.
 
     Parameters
     ----------

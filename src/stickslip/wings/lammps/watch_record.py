@@ -53,7 +53,7 @@ def _line(axes, step, values, color, label=None, quantity=None):
 
 @style.styled
 def watched_stress(step: Column, pressure: Column, shear: Column):
-    """Plot pressure, and the ratio of shear stress to pressure, against the time step."""
+    """Pressure, and the ratio of shear stress to pressure, against the time step."""
     figure, (above, below) = style.column_axes(2, 2.8, sharex=True)
     _line(above, step, pressure, style.BLUE, quantity=("pressure", "stress"))
     ratio = np.divide(shear, pressure, out=np.full(len(step), np.nan), where=np.abs(pressure) > 0)
@@ -64,7 +64,7 @@ def watched_stress(step: Column, pressure: Column, shear: Column):
 
 @style.styled
 def watched_contacts(step: Column, coordination: Column, sliding: Column):
-    """Plot the coordination number and the fraction of sliding contacts against the time step."""
+    """Coordination number and fraction of sliding contacts against the time step."""
     figure, (above, below) = style.column_axes(2, 2.8, sharex=True)
     _line(above, step, coordination, style.BLUE, quantity="contacts per grain")
     _line(below, step, sliding, style.ORANGE, quantity="sliding fraction")
@@ -78,7 +78,7 @@ def watched_contacts(step: Column, coordination: Column, sliding: Column):
 
 @style.styled
 def watched_spectrum(step: Column, softest: Column, growth: Column, verdicts: list[str]):
-    """Plot the softest eigenvalue and the growth rate of the fastest pair; markers of frames with a verdict are filled.
+    """Softest eigenvalue and growth rate of the fastest pair against the time step; filled marks have a verdict.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def watched_spectrum(step: Column, softest: Column, growth: Column, verdicts: li
 
 @style.styled
 def watched_balance(step: Column, residual: Column, limit: float):
-    """Plot the largest unbalanced force over the mean contact force, and the limit below which a verdict is given."""
+    """Largest unbalanced force over the mean contact force against the time step, and the limit for a verdict."""
     figure, axes = style.column_axes(1, 1.7)
     good = np.where(residual > 0, residual, np.nan)
     _line(axes, step, good, style.BLUE)
@@ -212,7 +212,7 @@ def describe(source: lammps_series.Source, method: str) -> dict:
 
 
 def write_rows(path: Path, rows: dict[int, Row], how: dict) -> None:
-    """Write all rows, ordered by step, atomically."""
+    """Write all rows atomically, ordered by step."""
     ordered = [row for _, row in sorted(rows.items())]
     comment = f"{MARK}{__version__}: {json.dumps(how)}"
     write_atomically(path, format_table(Row._fields, ordered, digits=None, comments=[comment]).encode())

@@ -341,7 +341,7 @@ def contact_status(
     together, which nearly always converges after a few rounds. If this cycles, principal pivoting flips one contact at
     a time (if A may be a P-matrix), and then Lemke's algorithm is used. Every status found is verified contact by
     contact with a factor of k(S) itself. For up to 14 critical contacts, all statuses are enumerated unless A is a
-    P-matrix: those with det k > 0 come first, and the absence of a status is proven. If many statuses are singular,
+    P-matrix. Those with det k > 0 come first; if no status exists, this is proven. If many statuses are singular,
     solutions may exist within the error bounds although none balances the load under k(S) itself: then there is no
     proof, and the verdict is NOT_FOUND. For more contacts, a proof of absence needs a Farkas certificate.
 

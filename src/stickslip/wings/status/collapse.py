@@ -95,7 +95,7 @@ class _Dynamics:
     def __init__(self, state: State, law: Law, drag: float):
         self.start, self.law, self.drag, self.held = state, law, drag, _held_bodies(state)
         limit = stable_time_step(state, law)
-        limit = limit if np.isfinite(limit) else natural_scales(state, law).time  # nothing touches
+        limit = limit if np.isfinite(limit) else natural_scales(state, law).time  # without contacts
         self.state, self.dt = _still(state), TIME_STEP * limit
         self.steps, self.energy, self.work = 0, 0.0, 0.0
 

@@ -115,10 +115,10 @@ def linear_system(
 ) -> LinearSystem:  # fmt: skip
     """Compute the matrices of an accepted state.
 
-    Intact bonds are constraints, or springs. A rigid bond neither stretches nor, if it has the stiffness for
-    it, shears, bends or twists: B v = 0, where B v are the rates of these deformations. Grains joined by bonds that
-    resist all of these move as one, and contacts between them neither slide nor open. Under a load, velocities are
-    those of elastic bonds in the limit of infinite stiffness; the forces that bonds carry turn with the bonds.
+    Intact bonds are constraints or springs. A rigid bond does not stretch and, if it resists shear, bending or
+    twisting, does not deform in these ways either: B v = 0, where B v are the rates of these deformations. Grains
+    joined by bonds that resist all of them move as one, and contacts between them neither slide nor open. Under a load,
+    velocities are those of elastic bonds in the limit of infinite stiffness; forces of bonds turn with the bonds.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def loose_grains(state: State, known: np.ndarray | None = None, *, loaded: bool 
 
 
 def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
-    """Mask of contacts between two grains that beams hold together, (C,): they neither slide nor open.
+    """Return the mask (C,) of contacts between two grains that beams hold together; they neither slide nor open.
 
     A contact between periodic images of one cluster moves as the cluster rotates, unless beams around the cell prevent
     this: in the same direction or, if the cell is held, in enough directions that the cluster cannot rotate.

@@ -68,7 +68,7 @@ class PathPoint(NamedTuple):
     state: State
     sliding: int  # number of sliding contacts
     contacts: int  # number of contacts
-    residual: float  # unbalanced force over the mean normal force or, if this is larger, over `force_scale`
+    residual: float  # unbalanced force over the larger of the mean normal force and `force_scale`
 
 
 @readable
@@ -136,8 +136,8 @@ def load_path(
 
     The first leg begins at the control of the state. The loads of the given controls are absolute, not increments.
     If no stable equilibrium continues the path, it ends or, if `drag` is given, damped dynamics under a constant load
-    leads to the next equilibrium, from which the path continues. Loads are dead loads. Instead, the load points of
-    springs may move, and a stiff spring prescribes a displacement (`with_machine`).
+    leads to the next equilibrium, from which the path continues. Forces are dead loads. To prescribe a displacement,
+    pull with a stiff spring whose load point moves (`with_machine`).
 
     Bonds are elastic springs, `linear_system(..., bonds="elastic")`: a state stores their loads as deformations, and
     rigid bonds would have none. A bond breaks where its load reaches its strength; the event states the mode of
@@ -289,7 +289,7 @@ class _PathRecord:
 def _go_through(
     place: PathState, share: float, leg: _Leg, way: _PathRecord, verdict: Verdict, through: tuple
 ) -> tuple[PathState | None, float]:
-    """Run dynamics from the end of the path; return the state, None if it does not rest, and the share of the leg."""
+    """Run dynamics from the end of the path; return the state, or None without rest, and the share of the leg."""
     load, raised = leg.number + share, min(1.0, share + way.raised_by(leg.number + share, leg.increment))
     before = place.state._replace(control=place.state.control if place.breaking else between(leg.begin, leg.end, share))
     motion = run_to_rest(before, leg.law, between(leg.begin, leg.end, raised), *through)
@@ -304,11 +304,11 @@ def _go_through(
 
 
 def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, report: Report):
-    """Follow a leg from a share of it; return the state and the share at which it stops, and the verdict."""
+    """Follow a leg from a given share of it; return the state and the share at which it stops, and the verdict."""
     law, increment, size, missed = leg.law, leg.increment, leg.increment, np.inf
     wedged = 0.0  # share at which a rattler was found to be wedged, slightly after it became so
     while share < 1.0:
-        # an imbalance is removed over a whole increment: a part of it removes only its share
+        # an imbalance is removed over a whole increment; part of an increment removes only a share of it
         piece = Increment(
             place, law, leg.begin, leg.end, share, min(size, 1.0 - share), leg.geometric, size / increment
         )
@@ -461,7 +461,7 @@ BALANCED = 1e-6  # largest unbalanced force at the start, over the mean normal f
 def check_start(state: State, law: Law, legs, increment: float) -> None:
     """Raise ValueError if no path can begin in a state, or if a leg cannot be followed."""
     if not legs:
-        raise ValueError("at least one leg, a Control, is needed")
+        raise ValueError("a path needs at least one leg: give a Control for the end of each leg")
     if law.kind != linear().kind or law.properties:
         raise ValueError("paths are piecewise linear only for the law `linear` with lever arms R: use this law")
     if not law.table[..., builtin.KT].min() > 0:

@@ -43,7 +43,7 @@ class RigidClusters(NamedTuple):
     sizes: np.ndarray  # (K,) number of bodies
     overconstrained: np.ndarray  # (M,) bool, contacts that carry a self-stress
     floppy: int  # number of independent unresisted motions, including those of rattlers and of the whole packing
-    constraints: int  # two per sticking contact of disks, three per sticking one of spheres, one per sliding contact
+    constraints: int  # two per sticking contact of disks, three per sticking contact of spheres, one per sliding one
     redundant: int  # number of constraints that could be removed without adding a motion
     rows: np.ndarray  # (M,) rows of the contacts in the contact list
     sliding: np.ndarray  # (M,) bool

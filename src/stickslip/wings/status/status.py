@@ -118,7 +118,7 @@ class ContactStatus(NamedTuple):
     others: tuple[Alternative, ...] = ()  # other consistent statuses that were found, if there was a search
     uniqueness: Uniqueness | None = None  # uniqueness under every load, if requested
     proof: Absence | UnresistedMotion | None = None  # proof that no status is consistent, or motion driven by the load
-    marginal: np.ndarray | None = None  # (Mc,) bool: contacts without slip on the cone, which may have either status
+    marginal: np.ndarray | None = None  # (Mc,) bool: contacts on the cone that do not slip and may have either status
     opens: np.ndarray | None = None  # (M,) bool: contacts without force that open, if there are contacts without force
 
     @property
@@ -190,7 +190,7 @@ def _unbalanced_motion(system: StatusSolver, driven: np.ndarray) -> UnresistedMo
     nothing = np.zeros(len(system.critical), bool)
     turned = stiffness_matrix(system.matrix, np.zeros(system.matrix.count, bool), geometric=system.geometric) @ move
     velocity = move.copy()
-    # the forces of a sphere that rolls do not turn with it
+    # the forces on a rolling sphere do not turn with it
     if system.matrix.free.dim == 3 and np.abs(turned).max() > 0:
         system.factorise(nothing)
         velocity -= system.expand(system.factor(system.reduce(turned)))

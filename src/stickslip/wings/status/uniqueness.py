@@ -110,7 +110,7 @@ def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniquene
 
 
 def _fewest_sliding(through, which: np.ndarray) -> np.ndarray:
-    """Return the sliding contacts of the given status in which the fewest contacts slide."""
+    """Return the sliding contacts of that one of the given statuses in which the fewest contacts slide."""
     rows = through.slides[which]
     return np.flatnonzero(rows[int(np.argmin(rows.sum(axis=1)))])
 

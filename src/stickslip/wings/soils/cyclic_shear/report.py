@@ -31,7 +31,7 @@ from .simulate import (
 )
 
 SHOWN = ("G", "G_ratio", "damping", "storage", "loss", "sliding", "residual", "returned")
-OFF = 0.02  # relative difference between G at the smallest amplitude and the tangent modulus; larger ones are reported
+OFF = 0.02  # relative difference between G at the smallest amplitude and the tangent modulus above which it is reported
 ATMOSPHERE = 101.325e3  # [Pa]
 CYCLES = 10  # number of cycles assumed for the curves, which hardly depend on it
 UNIFORMITY = (1.0, 10.0)  # D60/D10 of uniform and of well-graded sands
@@ -138,7 +138,7 @@ MEASURES = Measures(
 
 
 def in_band(scenario: CyclicShearScenario, table: dict[str, np.ndarray]) -> np.ndarray:
-    """Return (2, A) for G/Gmax and damping: 1 where a sample of spheres is in the band of sands, else 0; disks: NaN."""
+    """Return, for G/Gmax and damping (2, A), 1 where spheres lie in the band of sands, 0 elsewhere; NaN for disks."""
     gamma = table["amplitude"]
     if scenario.sample.dim == 2 or scenario.units != "SI":
         return np.full((2, len(gamma)), NAN)

@@ -77,7 +77,7 @@ class Response(NamedTuple):
     pressure: np.ndarray  # (C, T + 1) [force/length^(dim−1)]
     height: np.ndarray  # (C, T + 1)
     rearranged: np.ndarray  # (C, T + 1) bool
-    energies: np.ndarray  # (C, T + 1, 9) [energy/length^dim]
+    energies: np.ndarray  # (C, T + 1, 11) [energy/length^dim]
     busiest: np.ndarray  # (C,)
     strong: np.ndarray  # (C,)
     distance: np.ndarray  # (C + 1, C + 1) rms displacement of grains between the ends of two cycles, over γ₀ D

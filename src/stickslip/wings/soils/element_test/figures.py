@@ -253,7 +253,7 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
 
 @styled
 def critical_state(ends: list[_Ends], unit: str):
-    """Path ends of a sweep in the p–q and p–e planes, with critical-state lines.
+    """Ends of the paths of a sweep in the p–q and p–e planes, with critical-state lines.
 
     Unsteady states are shown as open marks. Members that differ only in pressure have the same colour.
     """
@@ -282,7 +282,7 @@ def critical_state(ends: list[_Ends], unit: str):
 def failure_directions(
     probes: list[_Probed], table: _Table, strain: tuple[str, int], first: dict[str, float], names: tuple[str, str]
 ):
-    """Friction angle, and normalised second-order work by direction of strain, along a path.
+    """Friction angle and, by direction of strain, normalised second-order work along a path.
 
     Parameters
     ----------

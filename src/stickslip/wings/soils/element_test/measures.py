@@ -23,13 +23,13 @@ BINS = 20  # number of strain bins in which stress ratio and dilatancy are avera
 PARTS = 10  # number of bins in log pressure whose means are used to fit the slope of the void ratio
 FEW = 5  # smallest number of rows for a slope
 HALF = 0.4, 0.6  # range of q, over the strength, in which the tangent at half of the strength is fitted
-MODES = {"tension": True, "shear": False}  # modes of breaking
+MODES = {"tension": True, "shear": False}  # modes in which bonds break; see `Breaks.tension`
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"
 
 
 def face_stress(stress: np.ndarray, kind: str) -> np.ndarray:
-    """Stress on the faces of the cell (T, 3, 3), as in a test machine; p, q and angles follow from it.
+    """Return the stress on the faces of the cell (T, 3, 3), as in a testing machine; p, q and angles follow from it.
 
     Except in simple shear, shear stresses on the faces are ignored, as they scatter about zero.
     """
@@ -213,7 +213,7 @@ class LoadedSample:
 
     @property
     def skempton(self) -> float:
-        """A at the peak, from Δu = B (Δσ₃ + A (Δσ₁ − Δσ₃)) with total principal stresses; NaN unless sheared undrained.
+        """A at the peak, from Δu = B (Δσ₃ + A (Δσ₁ − Δσ₃)) with total principal stresses; NaN unless undrained.
 
         The total lateral stress is constant. It is σ₃ in compression, where A = Δu/(B q), and σ₁ in extension, where
         Δσ₃ is q and A = 1 − Δu/(B q). For an isotropic elastic sample of spheres, A is 1/3 in compression and 2/3 in
@@ -328,8 +328,8 @@ class LoadedSample:
     def indices(self) -> dict[str, Slope]:
         """Slopes of first compression, unloading and reloading; NaN if the path has no such part.
 
-        First compression is loading beyond all previous stresses. Of several parts of a kind, the one with the largest
-        range of the logarithm is used; for first compression, its upper half.
+        First compression is loading beyond all previous stresses. If a kind has several parts, the slope is fitted to
+        the part with the largest range of the logarithm; for first compression, only to its upper half.
         """
         stress, e = self.compression_stress, self.series.void_ratio
         if not self.compressed or not (stress > 0).all():

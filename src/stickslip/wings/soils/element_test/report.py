@@ -313,7 +313,7 @@ def show(result: ElementTestResult) -> None:
 
 
 PRESSURES, SEED = ("cement.confining", "sample.pressure"), "seed"  # the first of these keys that is swept counts
-STATES = {  # suffixes of the names of stresses, and words
+STATES = {  # suffixes of the names of stresses, and their descriptions
     "peak": "at the peak", "critical": "at the critical state", "end": "over the last third of the path, not steady",
 }  # fmt: skip
 FIGURE, TABLE, LINES = "mohr.png", "mohr.csv", "critical_state.png"
@@ -397,7 +397,7 @@ class CriticalLine(NamedTuple):
     slope_error: float
 
     def describe(self, unit: str = "") -> str:
-        """Both equations, with stresses in a unit."""
+        """Both equations, with stresses in a given unit."""
         values = (
             f"{name} = {with_error(value, error)}" for name, value, error in zip("MΓλ", self[:3], self[3:], strict=True)
         )
@@ -461,7 +461,7 @@ class Ends(NamedTuple):
 
 
 def compare(members: list[SweepMember]) -> Comparison:
-    """Mohr circles of a sweep over pressure, their envelopes, and the critical-state line or uniaxial strengths.
+    """Compare tests at several pressures: Mohr circles, their envelopes, and critical-state line or uniaxial strengths.
 
     The pressure is `sample.pressure` or, with cement, `cement.confining`. Circles are drawn at the peak and, without
     cement, at the critical state. If fewer than two pressures lead to a critical state, circles for the last third of

@@ -54,7 +54,7 @@ class Drive(NamedTuple):
 
     gradient: np.ndarray  # (3, 3) displacement gradient per unit of the driven strain; zero if the load is a pressure
     free: tuple[int, ...]  # axes along which the normal stress is controlled
-    sealed: np.ndarray | None = None  # (K, 3) normal strains that hold the total stress of a cell with a fluid
+    sealed: np.ndarray | None = None  # (K, 3) normal strains that keep the total stress of a cell with a fluid
 
 
 def drive_of(loading: Loading, dim: int) -> Drive:
@@ -189,7 +189,7 @@ def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int)
     Parameters
     ----------
     contact_modulus : modulus relative to which `cement.modulus` is stated [force/length^(dim−1)]
-    seed : seed of the scatter of the strengths
+    seed : seed for the scatter of strengths
     """
     radius = state.grains.radius
     bond = parallel_bond(

@@ -248,7 +248,7 @@ def _place(kept: Checkpoint | None, seed: int, half: bool) -> Checkpoint | None:
 def load_sample(
     scenario: ElementTestScenario, seed: int, half: bool, kept: Checkpoint | None, report: Report
 ) -> ElementRun:
-    """Make one sample and load it; `half`: with half the step or rate."""
+    """Make one sample and load it, with half the step or rate if `half` is set."""
     law = make_law(scenario.law)
     engine = find_engine(scenario)
     kept = kept and kept.if_visible()
@@ -317,7 +317,7 @@ def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
 
 
 def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
-    """Series along the path, last state, reason for an early end, probed states, and broken bonds."""
+    """Return the series along the path, last state, reason for an early end, probed states, and broken bonds."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
         pieces.append(kept.load(f"{len(pieces):06d}", Piece))
@@ -446,7 +446,7 @@ def quasi_static(
 
 
 def _seal(rig: Rig, state: State, total: float, scales: Scales) -> tuple[State, bool]:
-    """Equilibrium whose stress plus pore pressure equals the total stress of the cell, and True if dynamics was needed.
+    """Find the equilibrium whose stress plus pore pressure equals the total stress; return True if dynamics was needed.
 
     Strains are corrected by Broyden's method.
     """
@@ -471,7 +471,7 @@ def _strained(state: State, drive: Drive, step: float) -> State:
 
 
 def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -> tuple[State, np.ndarray, bool]:
-    """Equilibrium under the prescribed stresses, these stresses, and True if dynamics was needed.
+    """Find the equilibrium under the prescribed stresses; return it, these stresses, and True if dynamics was needed.
 
     Cemented samples begin each step without a stored factorisation, so a resumed run is bitwise identical.
     """

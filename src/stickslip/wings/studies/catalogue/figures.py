@@ -50,7 +50,7 @@ BEFORE = r"strain before the event $\gamma_c - \gamma$"
 
 @styled
 def eigenvalue_before_events(events: _Table):
-    """Plot λ², the smallest eigenvalue squared, before saddle nodes, and λ before a contact starts to slide.
+    """Square of the smallest eigenvalue λ before saddle nodes, and λ before a contact starts to slide.
 
     Distances are strains before the event. Eigenvalues are divided by those at the largest distance. At a saddle node,
     λ² decreases in proportion to the distance. Before a contact starts to slide, λ stays constant; if this contact is

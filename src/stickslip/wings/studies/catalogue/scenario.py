@@ -9,7 +9,7 @@ from ....kit import Packing, PackingLaw, Positive, ScenarioBase, ScenarioTable, 
 
 
 class EventShear(ScenarioTable):
-    """Quasi-static simple shear along x with gradient y, and the search for discontinuities."""
+    """Quasi-static simple shear along x with the gradient along y, and the search for discontinuities."""
 
     drag: Positive = Field(
         description=(
