@@ -241,7 +241,7 @@ def run_leg(leg: Leg, folder: Path) -> Iterator[State]:
 
 
 def write_start(leg: Leg, folder: Path) -> Path:
-    """Write the input of a leg that starts from its state; if contacts have slip, it starts from a restart file."""
+    """Write the input of a leg that starts from its state; if contacts have slip, the input reads a restart file."""
     path = write_input(leg, folder)
     contacts = leg.state.contacts
     count = int(contacts.count[0])

@@ -302,7 +302,7 @@ def _drag_commands(leg: Leg) -> list[str]:
 
 
 def _plate_commands(leg: Leg) -> list[str]:
-    """Commands for plates: held ones are frozen (infinitely heavy) and moved; others are rigid bodies under forces."""
+    """Return commands for plates: held plates are frozen (infinitely heavy) and moved, others are rigid and loaded."""
     state = leg.state
     lines, held, moving = [], [], []
     for g, members in members_of(state).items():
@@ -381,7 +381,7 @@ def lead_formula(leg: Leg, column: int) -> str:
 
 
 def _place_commands(leg: Leg) -> str:
-    """Return commands that dump positions if the cell deforms: restart files then lack images of wrapped positions."""
+    """Return commands that dump positions if the cell deforms, because restart files then lack image numbers."""
     if not warm_up(leg):
         return ""
     columns = "x y z ix iy iz vx vy vz fx fy fz" if needs_forces(leg) else "xu yu zu"

@@ -83,7 +83,7 @@ def watched_spectrum(step: Column, softest: Column, growth: Column, verdicts: li
     Parameters
     ----------
     growth : growth rates, 0 if no pair grows, NaN without a spectrum
-    verdicts : one word per frame: stable, unstable or another one
+    verdicts : one word per frame, such as stable or unstable
     """
     figure, (above, below) = style.column_axes(2, 2.8, sharex=True)
     _line(above, step, softest, style.BLUE, quantity=(r"softest $\lambda$", "1/time$^2$"))

@@ -133,7 +133,7 @@ class _Search(NamedTuple):
     load: np.ndarray
     apex: np.ndarray  # (M,) bool
     geometric: bool
-    ours: np.ndarray  # (B, M) bool: contacts of each grain, or of grains that beams join, in the row of the first
+    ours: np.ndarray  # (B, M) bool: contacts of each grain; grains that beams join share the row of the first
     alone: np.ndarray  # (M,) bool: contacts of grains whose contacts are all at the apex
     any_motion: bool = False  # whether bodies are released if any motion opens their contacts, not just the smallest
 
@@ -144,7 +144,7 @@ def decide_statuses(
     """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
     Grains whose contacts are all at the apex may be released as bodies. For up to three such grains, all combinations
-    of released and load-carrying ones are tried. For more than three, all are released first; those that are dragged
+    of released and load-carrying grains are tried. For more than three, all are released first; those that are dragged
     along then carry load. Stable combinations come first, led by the one that releases the most bodies, or the fewest
     if some have just been `wedged`. If no combination is found, bodies that would be dragged along are released if they
     can escape at all, unless they have just been `wedged` and so cannot escape.
@@ -215,7 +215,7 @@ def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
 
 
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
-    """Find consistent (statuses, V, stable, motion) with bodies released, bodies that stay caught, and completeness.
+    """Find all consistent (statuses, V, stable, motion) with bodies released; also caught bodies, and completeness.
 
     A body may be dragged along by its smallest motion although another motion would release it; in that case, not all
     combinations were found.
@@ -309,7 +309,7 @@ def _dragged_bodies(
 
 
 def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
-    """Return True if only contacts resist rigid motions of a grain together with those that beams join to it."""
+    """Return True if only contacts resist rigid motions of a grain and the grains that beams join to it."""
     if matrix.unit is None:
         return True
     contacts = np.flatnonzero(_owners(matrix) == body)

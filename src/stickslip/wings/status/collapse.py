@@ -57,12 +57,12 @@ class Collapse(NamedTuple):
     load: float  # load at which the path ended, in legs
     reason: str  # reason for the end of the path
     held: float  # load during the motion, slightly higher, in legs
-    quiet: bool  # True if there was no collapse: the motion is no larger than for such a change of load before
+    quiet: bool  # True if there was no collapse: such a change of load caused as large a motion before
     rests: bool  # True if an equilibrium was found; otherwise numbers describe the state where dynamics ended
     duration: float  # [time]
     steps: int  # number of steps of dynamics
-    largest: float  # displacement of a grain, relative to the deformation of the cell [length]
-    total: float  # root of the sum of squares of these displacements [length]
+    largest: float  # largest displacement of a grain, relative to the deformation of the cell [length]
+    total: float  # root of the sum of squared displacements of the grains [length]
     motion: float  # motion along the load, for example of the loaded wall, or ℓ times the strain [length]
     strain: np.ndarray  # (3, 3) change of the displacement gradient of the cell
     work: float  # work of the loads and springs during the motion [energy]
@@ -71,10 +71,10 @@ class Collapse(NamedTuple):
     direction: np.ndarray  # (n,) displacement, normalised to unit length, zero for rattlers
     participation: float  # participation of the displacement, (Σ u²)²/(N Σ u⁴) over grains, from 1/N to 1
     eigenvalue: float  # smallest real part of the eigenvalues of k where the path ended [force/length]
-    modes: int  # number of unresisted modes there, or 1 for the softest mode
-    overlap: float  # overlap of the direction with these modes: length of its projection on their span
+    modes: int  # number of unresisted modes where the path ended, or 1 for the softest mode
+    overlap: float  # overlap of `direction` with the modes: length of its projection on their span
     lost: int  # number of contacts lost between grains that were not rattlers
-    gained: int  # number of such contacts gained
+    gained: int  # number of contacts gained between such grains
     sliding: tuple[int, int]  # number of contacts at the Coulomb limit before and after
 
 
@@ -260,7 +260,7 @@ def displacements(before: State, after: State) -> np.ndarray:
 
 
 def without_drift(state: State, moved: np.ndarray) -> np.ndarray:
-    """Return displacements (B, 6): zero for rattlers; along unsupported axes, the mean of the others is subtracted."""
+    """Return displacements (B, 6): zero for rattlers; along unsupported axes, the mean of other bodies is removed."""
     held = _held_bodies(state)
     moved = moved * held[:, None]
     if not len(state.walls.mass) and held.any():

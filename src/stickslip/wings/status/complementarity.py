@@ -38,7 +38,7 @@ class Complementarity(NamedTuple):
     matrix: np.ndarray  # (Mc, Mc) A
     vector: np.ndarray  # (Mc,) q
     matrix_error: float = 0.0  # error of entries of A beyond their round-off, such as the error of solving with k₀
-    vector_error: float = 0.0  # the same for q
+    vector_error: float = 0.0  # error of entries of q beyond their round-off
 
 
 class ScaledProblem(NamedTuple):
@@ -369,7 +369,7 @@ class SolutionFace(NamedTuple):
     at: np.ndarray  # (Mc,)
     turn: np.ndarray  # (Mc, d)
     left: np.ndarray  # (k, d) left null vectors of A_SS
-    missed: np.ndarray  # (d,) their products with q; if nonzero, no slip rates balance the load
+    missed: np.ndarray  # (d,) products of left null vectors with q; if nonzero, no slip rates balance the load
     at_error: np.ndarray  # (Mc,) error bounds of `at`, of `turn` and of `missed`
     turn_error: np.ndarray
     missed_error: np.ndarray

@@ -245,8 +245,8 @@ class AllStatuses(NamedTuple):
     status: np.ndarray  # (K, E)
     velocity: np.ndarray  # (K, E, 2)
     stable: np.ndarray  # (K,) bool, det k has the same sign as if all stick
-    coherent: bool  # det k has that sign for all combinations
-    decided: bool  # no combination with singular k can be consistent, so there are no others
+    coherent: bool  # True if det k has the same sign for all combinations
+    decided: bool  # True if no combination with singular k can be consistent, so there are no others
 
 
 def enumerate_statuses(apex: Apex) -> AllStatuses:

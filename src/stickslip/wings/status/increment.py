@@ -150,7 +150,7 @@ class Increment:
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
 
     def _with_touching_pairs(self, place: PathState) -> PathState:
-        """Return the state with parted pairs that still touch at the apex again."""
+        """Put parted pairs that still touch back at the apex of the cone, and return the state."""
         contacts, loose = place.state.contacts, np.append(place.loose, np.zeros(len(place.state.walls.mass), bool))
         back = np.flatnonzero(place.parted & ~place.fresh)
         back = back[~(loose[contacts.i[back]] | loose[contacts.j[back]])]
@@ -186,7 +186,7 @@ class Increment:
             load = start + done * self.increment
             choice = self._choose_status(now, slides, load)
             if not choice.ok:
-                # at the apex of a round cone, statuses with one direction prove nothing
+                # at the apex of a round cone, statuses for a single direction of slip prove nothing
                 faint = m.width == 3 and (force[now.limit, 0] <= APEX * self.mean).any()
                 verdict = Verdict.NOT_FOUND if faint else choice.verdict
                 return self._finish(force, moved, slides, sign, (), done), done * self.increment, verdict

@@ -367,7 +367,7 @@ def contact_frames(normal: np.ndarray, slip: np.ndarray, dim: int) -> np.ndarray
 
 
 def _directions(rows, frame, count: int):
-    """(6 count, dM) sparse: (F, T/R) of a contact from its components."""
+    """Return the sparse matrix (6 count, dM) that gives (F, T/R) of each contact from its components."""
     m, width = frame.shape[:2]
     load = np.concatenate([frame, -np.cross(frame[:, :1], frame)], axis=2)
     if width == 2:
@@ -427,7 +427,7 @@ def block_diagonal(parts: np.ndarray):
 def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, geometric: bool = True):
     """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness and that of the machine.
 
-    It equals −J for these statuses.
+    For these statuses, it equals −J, with the Jacobian J of the forces.
 
     Parameters
     ----------

@@ -328,7 +328,7 @@ def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, rep
         way.add(piece, point)
         way.crawled = 0 if piece.events or used > CRAWLS * increment else way.crawled + 1
         if piece.broke and verdict is Verdict.CONSISTENT:
-            if leg.removes:  # the loads of both bonds decrease together
+            if leg.removes:  # the loads of the earlier bond and of this one decrease together
                 place, share, size = _break_weakest(after, law, leg.end, leg.number, way), 0.0, increment
                 leg, way.anchor, way.since = leg._replace(begin=place.state.control), leg.number, 0
                 continue
@@ -353,7 +353,7 @@ def _break_events(load: float, broken: np.ndarray) -> list[Event]:
 def _break_weakest(place: PathState, law: Law, control: Control, load: float, way: _PathRecord) -> PathState:
     """Break the weakest bond, and add forces that replace its load to the control.
 
-    Grains that only this bond supported become rattlers, and forces replace those of their contacts, too.
+    Grains that only this bond supported become rattlers, and forces also replace their contact forces.
     """
     before, strength = place.state, place.state.bonds.strength
     held = without_bonds_of(before, place.loose).bonds.intact

@@ -53,7 +53,7 @@ from .uniqueness import (
 
 ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
 ALIKE = 1e-6  # largest difference, over the largest rate, between rates that count as the same
-SAME = 1e-7  # the same for force rates of two statuses, over the largest force rate: half the digits
+SAME = 1e-7  # largest difference, over the largest rate, between force rates that count as the same
 
 
 class Verdict(Enum):
@@ -119,7 +119,7 @@ class ContactStatus(NamedTuple):
     uniqueness: Uniqueness | None = None  # uniqueness under every load, if requested
     proof: Absence | UnresistedMotion | None = None  # proof that no status is consistent, or motion driven by the load
     marginal: np.ndarray | None = None  # (Mc,) bool: contacts on the cone that do not slip and may have either status
-    opens: np.ndarray | None = None  # (M,) bool: contacts without force that open, if there are contacts without force
+    opens: np.ndarray | None = None  # (M,) bool: contacts without force that open; None if all contacts carry force
 
     @property
     def ok(self) -> bool:
@@ -303,7 +303,7 @@ def _recompute_rates(system: StatusSolver, slides: np.ndarray):
         system.factorise(slides)
         velocity, rate = system.rates(slides)
     except LinAlgError:
-        # undecided: the verification that follows rejects it
+        # undecided: the verification that follows rejects the status
         return np.full(len(slides), np.nan), np.zeros(len(slides))
     slack = sign_slack(rate, system.round_off(velocity))
     return None if inconsistent(slides, rate, slack).any() else (rate, slack)

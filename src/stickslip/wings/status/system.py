@@ -19,7 +19,7 @@ NEUTRAL = 1e-9  # stiffness, over that of contacts, below which a cluster rolls 
 ROUND_OFF = 1e-13  # round-off of a velocity over the largest one nearby, for condition numbers of a few hundred
 RELAXATIONS = 20  # largest number of Newton steps for bonded rattlers
 RELAXED = 1e-10  # unbalanced force of bonded rattlers over stiffness and radius; also the cut-off of rigid motions
-AT_MOST = 3000  # largest number of coordinates with rigid bonds, as their dependence is found by dense algebra
+AT_MOST = 3000  # largest number of coordinates if there are rigid bonds, which require dense algebra
 RANK = 1e-10  # share of the largest pivot below which a rate that bonds forbid is redundant
 CHECKED_UP_TO = 2500  # largest number of coordinates for which the stability of a state is checked
 AT_ONCE = 16  # right-hand sides per call; more do not fit into the cache
@@ -29,8 +29,8 @@ class StatusSolver:
     """Velocities of a packing under one load rate, for any status of its critical contacts.
 
     Coordinates are in a fill-reducing order, which is computed once. The coordinates in `held` are fixed, in addition
-    to one for each free translation of the whole packing. Rigid bonds require B v = 0. As many coordinates as B has
-    rank then follow from the others, z: v = N z, and the equations are Nᵀ k(S) N z = Nᵀ b.
+    to one for each free translation of the whole packing. Rigid bonds require B v = 0: rank(B) coordinates then follow
+    from the others, z, as v = N z, and the equations are Nᵀ k(S) N z = Nᵀ b.
     """
 
     def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
@@ -158,9 +158,9 @@ def load_of(matrix: LinearSystem, load) -> np.ndarray:
 
 
 def follow_bonds(matrix: LinearSystem, fixed: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
-    """Return the coordinates that follow from the others, z, because of rigid bonds, and N (n, n) in v = N z.
+    """Return the coordinates that rigid bonds determine from the others, z, and the matrix N (n, n) in v = N z.
 
-    The others include the fixed coordinates. The columns of N for coordinates that follow are zero.
+    The others include the fixed coordinates. The columns of N for determined coordinates are zero.
     """
     size = len(matrix.free)
     if size > AT_MOST:
@@ -246,7 +246,7 @@ def lowest_eigenvalue(matrix: LinearSystem) -> float:
 
 
 def driven_motions(matrix: LinearSystem, load: np.ndarray, geometric: bool = True) -> np.ndarray:
-    """(K, n) free translations of the packing and rolling motions that a load drives, since no force balances it."""
+    """Return free translations and rolling motions (K, n) that the load drives because no force balances it there."""
     moves = np.array([*_free_translations(matrix), *rolling_motions(matrix, geometric)]).reshape(-1, len(load))
     return moves[np.abs(moves @ load) > RESIDUAL * np.abs(load).sum()]
 

@@ -44,7 +44,7 @@ class Uniqueness(NamedTuple):
     reason: str
     contacts: np.ndarray  # indices among the critical contacts
     value: float = np.nan  # det A_SS; its smallest singular value if singular; or the margin of a sufficient condition
-    vector: np.ndarray | None = None  # x with A_SS x = 0 if singular; weights that make A diagonally dominant
+    vector: np.ndarray | None = None  # x with A_SS x = 0 if singular; or weights that make A diagonally dominant
 
     @property
     def unique(self) -> bool | None:

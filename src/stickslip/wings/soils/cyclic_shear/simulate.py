@@ -68,7 +68,7 @@ class Cycle(NamedTuple):
 
 @readable
 class Response(NamedTuple):
-    """C cycles at one amplitude; fields as in `Cycle`, with a first axis of cycles."""
+    """C cycles at one amplitude; fields as in `Cycle`, with the cycles along the first axis."""
 
     amplitude: float
     gamma: np.ndarray  # (C, T + 1)

@@ -263,7 +263,7 @@ def _differences(tables: list[dict], test: dict, pairs: list[tuple[str, str]], u
         )
         reach = min(np.abs(test[x]).max(), *(np.abs(table[x]).max() for table in tables))
         grid = np.linspace(0, 1, 101) * reach * np.sign(test[x][np.abs(test[x]).argmax()])
-        curves = []  # along their first branch
+        curves = []  # the first branch of each curve
         for table in (test, *tables):
             end = int(np.abs(table[x]).argmax()) + 1
             sign = np.sign(table[x][end - 1])

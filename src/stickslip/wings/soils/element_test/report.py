@@ -441,7 +441,7 @@ def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> C
 class Circles(NamedTuple):
     """Mohr circles, at one state, of members that differ in pressure, and the envelope of these circles."""
 
-    group: str  # other swept values
+    group: str  # values of other swept keys
     state: str
     sigma1: np.ndarray  # (K,)
     sigma3: np.ndarray  # (K,)
@@ -452,7 +452,7 @@ class Circles(NamedTuple):
 class Ends(NamedTuple):
     """States over the last third of the path, for members that differ in pressure."""
 
-    group: str  # other swept values
+    group: str  # values of other swept keys
     p: np.ndarray  # (K,)
     q: np.ndarray  # (K,) magnitude
     void_ratio: np.ndarray  # (K,)
@@ -480,7 +480,7 @@ def compare(members: list[SweepMember]) -> Comparison:
         for key in members[0].values if key not in without
     }  # fmt: skip
     pressures = len({member.values[pressure] for member in members})
-    keys = [key for key, values in pairs.items() if len(values) > pressures]  # with several values at one pressure
+    keys = [key for key, values in pairs.items() if len(values) > pressures]  # keys with several values at one pressure
     groups: dict[str, list[SweepMember]] = {}
     for member in members:
         values = ((key, member.values[key]) for key in keys)

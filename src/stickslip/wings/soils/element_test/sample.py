@@ -265,7 +265,7 @@ class ProbedState(NamedTuple):
     band: Localisation | None  # weakest plane; None without an envelope
     unique: str  # name of the verdict on the uniqueness of the contact status under all stresses
     pair: np.ndarray  # (2,) growth rate of the fastest complex pair at fixed strain and stress; NaN: unknown [1/time]
-    real: np.ndarray  # (2,) the same for real eigenvalues [1/time]
+    real: np.ndarray  # (2,) growth rate of the fastest motion without oscillation, likewise [1/time]
     reason: str = ""  # reason for a missing envelope
 
     @property

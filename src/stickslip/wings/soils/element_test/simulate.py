@@ -78,10 +78,10 @@ from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
 FOLLOWED = 1e-6  # largest deviation of a stress coupled to another stress, over the pressure
 SEALED = 1e-7  # largest deviation of the total stress (grains and pore fluid), over that of the cell
-FOLLOWS = 30  # largest number of corrections of such stresses per step
+FOLLOWS = 30  # largest number of corrections of these stresses per step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
 GAINS = 0.5, 0.2  # proportional and integral gain per block in the control of a total stress
-LAG = 0.01  # change of that stress per block, over the pressure, for a sample that does not yield
+LAG = 0.01  # change of the total stress per block, over the pressure, for a sample that does not yield
 PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate of other paths
 MODULI_UP_TO = 5000  # largest number of grains for which elastic moduli are computed
 FURTHER, FURTHER_BY = 10, 0.1  # steps after damped dynamics, and their strain over (mean overlap)/(diameter)

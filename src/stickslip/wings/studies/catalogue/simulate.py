@@ -120,7 +120,7 @@ def simulate_catalogue(
         results += batch.results
         sentences += batch.sentences
     totals = accumulate(0 if sample is None else len(sample.found.events) for sample in results)
-    used = 1 + sum(total < scenario.events for total in totals)  # packings up to the one that completes the number
+    used = 1 + sum(total < scenario.events for total in totals)  # packings up to the one that completes the events
     samples = tuple(sample for sample in results[:used] if sample is not None)
     failures = tuple(failure for failure in sentences[:used] if failure)
     if not samples:

@@ -305,7 +305,7 @@ def lammps_of(scenario: FlowScenario, start: Poured, folder: Path | None) -> Eng
 def export(scenario: FlowScenario, folder: Path) -> list[Path]:
     """Write a folder that LAMMPS can run without this package; `stickslip resume` then reads the result from it.
 
-    A stage with `until = "rest"` lasts its whole duration there.
+    In LAMMPS, a stage with `until = "rest"` lasts its whole duration.
 
     Raises
     ------
@@ -355,7 +355,7 @@ class StageConditions(NamedTuple):
 
 
 def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
-    """Return the conditions of the last stage that has started, or the initial ones, given all start times so far."""
+    """Return the conditions of the last stage in `begins`, the start times so far; if empty, the initial conditions."""
     bodies = {body.name: body for body in (*scenario.walls, *scenario.plates)}
     motion: dict[str, dict] = {}  # bodies are fixed along other axes
     for name, body in bodies.items():

@@ -122,7 +122,7 @@ def raise_load(
 ) -> tuple[list[Equilibrium], float]:
     """Find equilibria along rising loads until the sample slides; return them and the load at which it slides, or NaN.
 
-    The sample slides if there is no equilibrium, or only one farther away than a given distance.
+    The sample slides if there is no equilibrium, or only one that is farther away than `distance`.
     """
     path: list[Equilibrium] = []
     for k, load in enumerate(loads):
