@@ -186,7 +186,7 @@ def _turn(rate: Matrix, dt: float) -> Matrix:
 
 
 def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, first: bool = False):
-    """Return coefficients, fixes for Σ m v², and the fix for forces on grains; `first`: they are for the first step."""
+    """Return coefficients, fixes for Σ m v², and the fix for forces on grains; `first` selects the first step."""
     dt, h = leg.dt, 0.5 * leg.dt
     keep, slow = 1 - h * leg.drag, 1 / (1 + h * leg.drag)  # κ and σ
     half, turn = _inverse(_sum((1, ONE), (-h, later))), _turn(rate, dt)

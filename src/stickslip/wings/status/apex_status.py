@@ -196,7 +196,7 @@ def _open_all(search: _Search) -> ApexStatuses | None:
 
 
 def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
-    """Statuses for all sets of released bodies, largest sets first, and whether the list is complete."""
+    """Return statuses for all sets of released bodies, largest sets first, and True if the list is complete."""
     choices, complete = [], True
     for size in range(len(lone), -1, -1):
         for group in itertools.combinations(lone, size):
@@ -215,10 +215,10 @@ def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
 
 
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
-    """Find all consistent (statuses, V, stable, motion) with bodies released; also caught bodies, and completeness.
+    """Find consistent (statuses, V, stable, motion) with given bodies released.
 
-    A body may be dragged along by its smallest motion although another motion would release it; in that case, not all
-    combinations were found.
+    The other results are the bodies that stay caught, and True if all combinations were found. Others may exist if a
+    body is dragged along by its smallest motion, because another motion might release it.
     """
     matrix, ours = search.matrix, search.ours
     gone = ours[released].any(axis=0)
@@ -247,7 +247,7 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
 
 
 def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], bool]:
-    """Consistent statuses, each with its stability, and whether the list is complete."""
+    """Return the consistent statuses, each with its stability, and True if the list is complete."""
     if apex.velocity.shape[1] == 3:
         solution, sign = status_on_round_cones(apex)
         return [(solution, sign > 0)] if sign else [], False

@@ -49,7 +49,7 @@ class Apex(NamedTuple):
     springs: np.ndarray  # (E, d, d) K [force/length]
     slope: np.ndarray  # (E,) m
     sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where all four statuses are possible
-    alone: np.ndarray  # (E,) bool, contacts of disks that have no others: the disk is free if all of them open or slide
+    alone: np.ndarray  # (E,) bool, contacts of disks with all contacts at the apex, free if all of them open or slide
 
     def check_entries(self) -> None:
         """Raise ValueError if an entry has a wrong type, shape or value."""

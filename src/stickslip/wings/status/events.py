@@ -235,7 +235,7 @@ class Fork(NamedTuple):
 
     load: float  # in legs of the load
     contacts: tuple[tuple[int, int], ...]  # bodies of the contacts whose statuses differ
-    taken: tuple[str, ...]  # status of each of them: "sticks", "slides", "slides back" or "opens"
+    taken: tuple[str, ...]  # status of each of these contacts: "sticks", "slides", "slides back" or "opens"
     others: tuple[tuple[str, ...], ...]  # statuses of these contacts in the other combinations
     forces: bool  # True if the force rates differ; False if only a motion is undetermined
 

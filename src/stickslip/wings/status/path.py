@@ -49,7 +49,7 @@ from .system import driven_motions, external_force, lowest_eigenvalue, relax_clu
 
 SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged rattlers then overlap by round-off
 SHRINKS = 0.9  # an increment is halved further only while each halving reduces the imbalance to this fraction
-PROGRESS = 1e-5  # fraction of a leg; the load stalls if it rises by less in CROWD events and parts of increments
+PROGRESS = 1e-5  # fraction of a leg; the load stalls if CROWD events and parts of increments raise it by less
 RETURNS = "is wedged and carries load again"
 COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
 OFFSET = 1e-4  # fraction of a leg by which the load is raised to make a packing collapse; doubled if nothing moves

@@ -77,8 +77,8 @@ def rigid_clusters(
     Raises
     ------
     ValueError
-        If there are no contacts, if the law has no friction, smooth friction or rolling resistance, or for
-        spheres with "pebbles".
+        If there are no contacts; if the law has no friction, smooth friction or rolling resistance; or if `method` is
+        "pebbles" for spheres.
 
     Notes
     -----
@@ -348,8 +348,8 @@ class PebbleGame:
         """Bars that carry a self-stress: redundant bars, and bars whose removal would make a redundant bar independent.
 
         The latter are the bars of the smallest tight block that contains both ends of a redundant bar. A contraction
-        joins smaller blocks. If a self-stress crosses it, all of its bars are stressed, and so are those of the
-        smallest blocks that connect their ends within each of the joined blocks.
+        joins smaller blocks. If a self-stress crosses a contraction, all bars of the contraction are stressed, and so
+        are those of the smallest blocks that connect their ends within each of the joined blocks.
         """
         marked, joined, crossed = set(self.redundant), _Sets(len(self.parent)), {}
         tasks: list = [self.bars[bar] for bar in self.redundant]

@@ -57,7 +57,7 @@ class CyclicShearScenario(SampleScenario):
         if most > longest:
             raise ValueError(
                 f"at cycles.amplitudes = {most:g}, the cell of {self.sample.grains} grains would become narrower than "
-                f"{NARROWEST:g} of the largest ones: use at most {longest:.2g}, or more grains"
+                f"{NARROWEST:g} times the largest diameter: use at most {longest:.2g}, or more grains"
             )
         return self
 

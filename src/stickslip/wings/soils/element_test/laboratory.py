@@ -86,7 +86,7 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _check_strains(table: laboratory_table.LaboratoryTable, values: dict[str, np.ndarray]) -> None:
-    """Raise ValueError for strains that no sample can have, such as per cent without a unit."""
+    """Raise ValueError for strains that no sample can have, such as values in per cent without a unit."""
     for name in WANTED.columns[:4]:
         if name in values and not (largest := float(np.abs(values[name]).max())) < 1:
             raise ValueError(
@@ -232,7 +232,7 @@ def pairs_of(kind: str) -> list[tuple[str, str]]:
 def _compared(
     scenario: ElementTestScenario, name: str, test: dict[str, np.ndarray], pairs: list[tuple[str, str]], tree: dict
 ) -> Comparison:
-    """Figure and sentences for a run, from its archive."""
+    """Return a figure and sentences that compare a run, read from its archive, with a laboratory test."""
     runs = [
         ElementRun(int(seed), None, SmallStrain(**sample["elastic"]), ElementSeries(**sample["series"]), None, "")
         for seed, sample in tree["samples"].items() if seed != "halved"

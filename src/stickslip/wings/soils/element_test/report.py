@@ -31,7 +31,7 @@ from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 
 DRAWN = 4  # largest number of envelopes in one figure
-COMPARED = {  # measures compared at half the step (the first available is used): words, digits, unit
+COMPARED = {  # measures compared with a run at half the step; the first available one is used: words, digits, unit
     "phi_peak": ("peak angle", 2, " degrees"), "compression_index": ("compression index", 4, ""),
     "swelling_index": ("swelling index", 4, ""), "strength": ("strength", 1, ""),
 }  # fmt: skip
@@ -201,7 +201,7 @@ def _missing(result: ElementTestResult) -> list[str]:
 
 
 def _cement(result: ElementTestResult) -> list[str]:
-    """Sentences on broken bonds with their modes, and on samples that did not fail."""
+    """Return sentences on broken bonds and their modes, and on samples that did not fail."""
     cement = result.scenario.cement
     if cement is None:
         return []
@@ -321,7 +321,7 @@ ROWS = 3  # largest number of groups drawn
 
 
 def with_error(value: float, error: float, unit: str = "") -> str:
-    """Value with two digits of its error, in parentheses before a unit; three digits if there is no error."""
+    """Format a value with two digits of its error in parentheses, and its unit; without error, with three digits."""
     if not error > 0:
         return f"{value:.3g}{unit}".replace("-", "−")
     digits = min(max(0, 1 - int(np.floor(np.log10(error)))), 6)
@@ -548,7 +548,7 @@ def _column(group: list[SweepMember], name: str) -> np.ndarray:
 
 
 def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
-    """Circles of the members that have a state; None if they have fewer than two pressures."""
+    """Return the circles of the members that reached a state; None if these have fewer than two pressures."""
     pairs = np.column_stack([_column(group, f"sigma{k}_{state}") for k in (1, 3)])
     sigma1, sigma3 = pairs[np.isfinite(pairs).all(axis=1)].T
     pressed = _in_compression(sigma1, sigma3)

@@ -184,7 +184,7 @@ def join(parts: list[Breaks]) -> Breaks:
 
 
 def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int) -> State:
-    """State with bonded grains; the stiffness per area along a bond is E/(R_i + R_j), with E of the cement.
+    """Bond the grains of a state; the stiffness per area along a bond is E/(R_i + R_j), with modulus E of the cement.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ class ProbedState(NamedTuple):
 
     @property
     def failing(self) -> float:
-        """Angle of the weakest direction or, if no work is negative, of the first without equilibrium [rad]."""
+        """Angle of the weakest direction or, if no work is negative, of the first one without equilibrium [rad]."""
         if self.envelope is None or self.signs["negative work"] or not self.envelope.collapsed.any():
             return self.weakest
         return float(self.envelope.angle[self.envelope.collapsed][0])
@@ -306,7 +306,7 @@ def plane_of(path: Loading, dim: int) -> tuple[np.ndarray, tuple[str, str]]:
 
 
 def probe(state: State, law: Law, load: float, plane: np.ndarray, directions: int) -> ProbedState:
-    """Probe an equilibrium with a held cell in all directions of a plane of strains."""
+    """Probe an equilibrium, whose cell is held, in all directions within a plane of strains."""
     sigma, unknown = stress(state, law), np.full(2, np.nan)
     try:
         envelope = response_envelope(state, law, directions=directions, plane=plane)
@@ -324,7 +324,7 @@ def probe(state: State, law: Law, load: float, plane: np.ndarray, directions: in
 
 
 def without_answer(load: float, sigma: np.ndarray, reason: str) -> ProbedState:
-    """State that has no equilibrium, or whose equilibrium cannot be probed."""
+    """Return the result for a state that has no equilibrium, or whose equilibrium cannot be probed."""
     return ProbedState(load, sigma, None, None, "UNDECIDED", np.full(2, np.nan), np.full(2, np.nan), reason)
 
 

@@ -412,7 +412,7 @@ class ElementTestScenario(SampleScenario):
 
     @property
     def stress_scale(self) -> float:
-        """Stress of the order of those along the path, the unit of tolerances [force/length^(dim−1)]."""
+        """Typical stress along the path, to which tolerances refer [force/length^(dim−1)]."""
         cement, pressure = self.cement, self.sample.pressure
         if cement is None:
             return pressure
@@ -542,7 +542,7 @@ class ElementTestScenario(SampleScenario):
         if most > longest:
             raise ValueError(
                 f"at path.strain = {most:g}, the cell of {sample.grains} grains would become narrower than "
-                f"{NARROWEST:g} of the largest ones: use at most {max(longest, 0):.2g}, or more grains"
+                f"{NARROWEST:g} times the largest diameter: use at most {max(longest, 0):.2g}, or more grains"
             )
         return self
 

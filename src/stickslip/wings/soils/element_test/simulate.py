@@ -278,7 +278,7 @@ def _cement(scenario: ElementTestScenario, state: State, law: Law, seed: int, to
 
 
 def find_engine(scenario: ElementTestScenario) -> Engine | None:
-    """Return the engine of a scenario; None for `run`."""
+    """Return the engine of a scenario; None for the default engine of `run`."""
     return lammps_engine(scenario.ranks) if scenario.engine == "lammps" else None
 
 

@@ -1,4 +1,4 @@
-"""Simulation of an event catalogue, its tables, the skill of quantities that may announce an event, files and summary.
+"""Simulation of an event catalogue: tables, skill of quantities that may announce an event, output files and summary.
 
 Packings are sheared one after another until enough events are found. Tables are dictionaries of columns; in CSV files,
 the header contains the units. Every table has the column `sample`, the seed of the packing. Columns with several values
@@ -120,7 +120,7 @@ def simulate_catalogue(
         results += batch.results
         sentences += batch.sentences
     totals = accumulate(0 if sample is None else len(sample.found.events) for sample in results)
-    used = 1 + sum(total < scenario.events for total in totals)  # packings up to the one that completes the events
+    used = 1 + sum(total < scenario.events for total in totals)  # number of packings up to the last one needed
     samples = tuple(sample for sample in results[:used] if sample is not None)
     failures = tuple(failure for failure in sentences[:used] if failure)
     if not samples:

@@ -329,7 +329,7 @@ def _decisive_head() -> tuple[str, ...]:
 
 
 def show(result: FailureResult) -> None:
-    """Print the outcome of the packing."""
+    """Print the outcome for the packing."""
     found = result.found
     for line in sentences(result):
         console.print(line)

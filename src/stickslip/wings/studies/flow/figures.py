@@ -126,7 +126,7 @@ def _length_unit(result, state) -> str:
 def _select_frames(result) -> list:
     """Frames at nearly equal intervals, including the first and the last.
 
-    Of several stages, only the last is shown.
+    If there are several stages, only frames of the last one are shown.
     """
     start = result.stages[-1].start if len(result.stages) > 1 else -np.inf
     frames = [state for state in result.frames if state.time >= start * (1 - 1e-9)] or list(result.frames)

@@ -35,8 +35,8 @@ from ...lammps.run import lammps_engine, leg_folder, read_leg, walls_at, with_re
 from ...lammps.supported import check_leg
 from .scenario import AXES, FlowScenario, Plate, Shaking, Stage, force_axis
 
-SAFETY = 0.1  # in √(m/k): 1/20 of a collision's duration π √(m/2k), and 1/6 of the stability limit with six contacts
-LIMIT = 0.58  # in √(m/k): the stability limit 2/√12 with six neighbours at rest and contacts of stiffness k
+SAFETY = 0.1  # dt in √(m/k): 1/20 of a collision's duration π √(m/2k), and 1/6 of the stability limit with six contacts
+LIMIT = 0.58  # dt in √(m/k): the stability limit 2/√12 with six neighbours at rest and contacts of stiffness k
 JITTER = 0.9  # fraction of the free space around each grain on the lattice
 
 

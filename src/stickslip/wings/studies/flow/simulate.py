@@ -1,4 +1,4 @@
-"""Simulation of a flow: stages run in chunks between samples, with progress reports; measures, files and summary.
+"""Simulation of a flow in stages, which run in chunks between samples; also measures, output files and summary.
 
 Measures are those of the deposit, the velocity profile, and the friction of plane shear.
 """

@@ -1,4 +1,4 @@
-"""Static and kinetic friction of a sample: raise the load, kick the sample, lower the load; files and summary."""
+"""Static and kinetic friction of a sample: raise the load, kick the sample, lower the load, and write the results."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -273,7 +273,7 @@ def numbers(result: ThresholdResult) -> dict:
 
 
 def show(result: ThresholdResult) -> None:
-    """Print a summary of a run on the terminal."""
+    """Print a summary of a run in the terminal."""
     table = Quantities([*KICKED.values(), Quantity("pairs", "1", "complex pairs at this load")])
     names = ("load", "pairs", "velocity", "runs", "slid", "lasting", "median lifetime")
     table.show_rows(_outcomes(result), *names, title="Kicked runs")
