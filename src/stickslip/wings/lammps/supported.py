@@ -443,7 +443,7 @@ def _check_grains(state: State) -> None:
             f"the LAMMPS input written here cannot hold or drive single grains: make them a rigid group, {STAY}"
         )
     if control.force[:n][loose].any() or control.torque[:n].any() or control.spring[:n][loose].any():
-        raise ScenarioError(f"forces on single grains are not translated for LAMMPS: {STAY[3:]}")
+        raise ScenarioError(f"the LAMMPS input written here does not support forces on single grains: {STAY[3:]}")
     i0 = inertia_factor(state)
     if not (np.isclose(i0, 0.4, rtol=1e-9) or (state.cell.dim == 2 and np.isclose(i0, 0.5, rtol=1e-9))):
         raise ScenarioError(
@@ -457,11 +457,11 @@ def _check_groups(leg: Leg) -> None:
         free, follows = control.free[members[0], :dim], control.follows[members[0], :dim]
         if free.any() and (follows[~free] >= 0).any():
             raise ScenarioError(
-                "a plate moved by a force along one axis and by a varying velocity along another is not translated "
-                f"for LAMMPS: use a constant velocity, {STAY}"
+                "the LAMMPS input written here does not support a plate moved by a force along one axis and by a "
+                f"varying velocity along another: use a constant velocity, {STAY}"
             )
         if control.free[members, 3:].any():
-            raise ScenarioError(f"rotating rigid groups are not translated for LAMMPS: {STAY[3:]}")
+            raise ScenarioError(f"the LAMMPS input written here does not support rotating rigid groups: {STAY[3:]}")
         if is_held(leg.state, members):
             for k in range(dim):
                 _check_course(leg, int(follows[k]))

@@ -528,8 +528,8 @@ def check_dynamics(control: Control, drag: float, duration: float | None, travel
     require_positive(drag=drag, **{k: v for k, v in (("duration", duration), ("travel", travel)) if v is not None})
     if control.rate.any() or control.cell_rate.any() or control.course.any():
         raise ValueError(
-            "drag requires all rates and time profiles of bodies and cell to be zero, as dynamics holds the load: "
-            "pull with a spring whose anchor moves instead"
+            "drag requires all rates and time profiles of bodies and cell to be zero, as dynamics holds the load "
+            "constant: instead, pull with a spring whose anchor moves"
         )
 
 

@@ -163,8 +163,8 @@ def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
             out["volumetric_strain"] = -strain
         if not 0.5 < abs(ratio) < 2:
             raise ValueError(
-                f"{path}: the volumetric strain is {abs(ratio):.3g} times that of the void ratio: correct the wrong "
-                f"unit"
+                f"{path}: the volumetric strain is {abs(ratio):.3g} times that implied by the void ratio: correct the "
+                f"wrong unit"
             )
 
 
@@ -198,13 +198,13 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
     kind = scenario.path.kind
     if scenario.sample.dim == 2 or scenario.units != "SI" or kind == "simple-shear":
         what = "disks" if scenario.sample.dim == 2 else "simple shear" if kind == "simple-shear" else "these units"
-        raise ValueError(f"--compare does not apply to {what}: it draws tests of spheres along an axis in SI units")
+        raise ValueError(f"--compare does not apply to {what}: it needs tests of spheres along an axis, in SI units")
     test = read_test(path)
     known = {"sigma_zz" if name == "axial_stress" else name for name in test}
     pairs = [pair for pair in pairs_of(kind) if set(pair) <= known]
     if not pairs:
         wanted = " or ".join(f"{y} with {x}" for x, y in pairs_of(kind))
-        raise ValueError(f"{path} has columns for {', '.join(test)}: a {kind} test shows {wanted}; add columns")
+        raise ValueError(f"{path} has columns for {', '.join(test)}, but a {kind} test shows {wanted}: add columns")
     if kind not in ("isotropic", "oedometric") and len(scenario.path.turns) == 1 and "axial_strain" in test:
         ways = [np.sign(scenario.path.turns[0]), np.sign(test["axial_strain"][np.abs(test["axial_strain"]).argmax()])]
         if ways[0] * ways[1] < 0:

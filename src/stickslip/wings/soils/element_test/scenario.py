@@ -148,7 +148,7 @@ class ElementSample(ScenarioTable):
         if off > MISFIT:
             raise ValueError(
                 f"sample.grains = {self.grains} is too few, as the grading would be off by {off:.0%} of the mass: use "
-                f"at least {grains_needed(curve, self.dim)} grains, or fewer sizes"
+                f"at least {grains_needed(curve, self.dim)} grains, or a narrower grading"
             )
         return self
 

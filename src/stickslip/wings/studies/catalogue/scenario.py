@@ -35,8 +35,8 @@ class EventShear(ScenarioTable):
             raise ValueError(f"shear.step must be at most the largest strain, {self.strain:g}, got {self.step:g}")
         if self.window < self.step * (1 - 1e-9):
             raise ValueError(
-                f"shear.window must be at least shear.step = {self.step:g}, or events between steps are missed, got "
-                f"{self.window:g}"
+                f"shear.window must be at least shear.step = {self.step:g}, or events between steps would be missed, "
+                f"got {self.window:g}"
             )
         return self
 

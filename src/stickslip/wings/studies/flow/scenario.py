@@ -110,7 +110,7 @@ class Pour(ScenarioTable):
         if (self.density is None) == (self.mass is None):
             raise ValueError("give exactly one of grains.density and grains.mass")
         if isinstance(self.radius, tuple) and len(self.radius) > self.number:
-            raise ValueError(f"grains.radius has {len(self.radius)} sizes for {self.number} grains: give fewer")
+            raise ValueError(f"grains.radius has {len(self.radius)} sizes for {self.number} grains: give fewer sizes")
         for name in ("low", "high"):
             _check_components(f"grains.{name}", getattr(self, name), self.dim)
         for axis, a, b in zip(AXES, self.low, self.high, strict=False):
