@@ -99,7 +99,7 @@ def start_lammps(*inputs: str, folder: Path, ranks: int = 1) -> subprocess.Popen
 
 
 def _command(inputs, ranks: int) -> list[str]:
-    """Command of a process that runs LAMMPS.
+    """Return the command of a process that runs LAMMPS.
 
     LAMMPS cannot run in this process: a second instance would not find the contact memory in a restart file, because it
     looks for that memory under a number that counts all pair styles created in the process.

@@ -279,12 +279,12 @@ def motion_commands(leg: Leg) -> str:
 
 
 def _rotation_drag(leg: Leg) -> float:
-    """Drag of `fix langevin` for which rotations have the drag of the leg."""
+    """Return the drag of `fix langevin` for which rotations have the drag of the leg."""
     return leg.drag * inertia_factor(leg.state) / (ROTATION * SPHERE)
 
 
 def _drag_commands(leg: Leg) -> list[str]:
-    """Drag −m ν v by `fix addforce`, and −I ν ω by `fix langevin` without noise, which also acts on translations."""
+    """Return commands for drag: −m ν v by `addforce`, and −I ν ω by `langevin` without noise, which also drags v."""
     nu, turning = leg.drag, _rotation_drag(leg)
     lines = [f"fix slow loose langevin 0.0 0.0 {digits(1 / turning)} 1 omega yes"]
     if needs_forces(leg):
@@ -330,7 +330,7 @@ def _plate_commands(leg: Leg) -> list[str]:
 
 
 def _held_commands(leg: Leg, name: str, body: int) -> list[str]:
-    """Prescribed motion of a held plate."""
+    """Return commands for the prescribed motion of a held plate."""
     course = _course_commands(leg, body, name)
     if not course:
         return [f"velocity {name} set 0.0 0.0 0.0"]

@@ -371,7 +371,7 @@ def is_granular(law: Law) -> bool:
 
 
 def parameters_of(law: Law, state: State) -> np.ndarray:
-    """Parameters of contacts between grains."""
+    """Return the parameters of a law for contacts between grains."""
     material = state.grains.material[0] if len(state.grains.material) else 0
     return law.table[material, material]
 

@@ -66,7 +66,7 @@ class ReducedMap(NamedTuple):
     reach: np.ndarray  # (n, dE) velocities per unit force of each contact on its first body
 
     def velocities(self, solution: StatusSolution) -> np.ndarray:
-        """(n,) velocities of all coordinates."""
+        """Return the velocities (n,) of all coordinates."""
         return self.free - self.reach @ force_change(self.apex, solution).ravel()
 
 
@@ -117,12 +117,12 @@ class ApexStatuses(NamedTuple):
 
     @property
     def opens(self) -> np.ndarray:
-        """(M,) mask of contacts that open."""
+        """Mask (M,) of the contacts that open."""
         return self.status == OPENS
 
     @property
     def side(self) -> np.ndarray:
-        """(M,) sgn D_t of sliding contacts, 0 elsewhere."""
+        """Sign (M,) of D_t at sliding contacts, 0 at all others."""
         return SIDE[self.status]
 
 
@@ -265,7 +265,7 @@ def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], boo
 
 
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
-    """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies.
+    """Return the mask (B, M) of the contacts of each grain that is free to rotate; rows of other bodies are empty.
 
     Grains that beams join share the row of the first of them, which is empty unless all are free to rotate.
     """
@@ -317,13 +317,13 @@ def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
 
 
 def _owners(matrix: LinearSystem) -> np.ndarray:
-    """(n,) body of each coordinate; for bodies that beams join, the first of them."""
+    """Return the body of each coordinate (n,); bodies that beams join are represented by the first of them."""
     body = matrix.free.body
     return body if matrix.unit is None else np.append(matrix.unit, len(matrix.unit))[body]
 
 
 def _rigid_motions(matrix: LinearSystem, loose: np.ndarray):
-    """(L, K) sparse basis of the motions of some coordinates that deform no bond."""
+    """Return a sparse basis (L, K) of the motions of the coordinates `loose` that deform no bond."""
     if matrix.unit is None:
         return sparse.eye_array(len(loose), format="csr")
     resisted, moves = np.linalg.eigh(matrix.machine[loose][:, loose].toarray())
@@ -399,7 +399,7 @@ def _status_at_apex(matrix: LinearSystem, load: np.ndarray, apex: np.ndarray, ge
 
 
 def _relative_velocities(matrix: LinearSystem, motion: np.ndarray) -> np.ndarray:
-    """(M, d) V of all contacts."""
+    """Return the relative velocities V (M, d) of all contacts."""
     return (matrix.c.T @ motion).reshape(-1, matrix.width)
 
 

@@ -270,12 +270,12 @@ def without_drift(state: State, moved: np.ndarray) -> np.ndarray:
 
 
 def _strain(before: State, after: State) -> np.ndarray:
-    """Displacement gradient of the cell between two states (3, 3)."""
+    """Return the displacement gradient (3, 3) of the cell between two states."""
     return np.linalg.solve(before.cell.vectors, after.cell.vectors).T - np.eye(3)
 
 
 def _held_bodies(state: State) -> np.ndarray:
-    """Mask of walls and of grains that are not rattlers (B,)."""
+    """Return the mask (B,) of walls and of grains that are not rattlers."""
     return np.append(~loose_grains(state, loaded=False), np.ones(len(state.walls.mass), bool))
 
 
@@ -287,5 +287,5 @@ def _loaded_contacts(state: State) -> dict[int, bool]:
 
 
 def _still(state: State) -> State:
-    """State without velocities."""
+    """Return the state at rest, without velocities."""
     return resting(state)._replace(instant=None)

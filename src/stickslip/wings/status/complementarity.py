@@ -418,7 +418,7 @@ def _face_ends(face: SolutionFace) -> list[Solution]:
 
 
 def _interval_ends(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[np.ndarray]:
-    """Both ends of {t: at + turn t ≥ 0}; empty if there is no solution even with at + slack."""
+    """Return both ends of the interval {t: at + turn t ≥ 0}; no ends if it is empty even with `slack` added to `at`."""
     bound, give, rising = -at / turn, slack / np.abs(turn), turn > 0
     if np.max((bound - give)[rising], initial=-np.inf) > np.min((bound + give)[~rising], initial=np.inf):
         return []

@@ -163,7 +163,7 @@ def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
 
 
 def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:
-    """V (E, 2) for given statuses, or None if their piece is singular."""
+    """Return the velocities V (E, 2) for given statuses, or None if their piece is singular."""
     out = solve_piece(piece_matrix(apex, status), apex.velocity.ravel())
     return None if out is None else out.reshape(-1, 2)
 
@@ -278,7 +278,7 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
 
 
 def _all_velocities(apex: Apex, status: np.ndarray):
-    """Matrices of pieces (K, 2E, 2E), signs of det k, mask of regular pieces, and their velocities V (K, E, 2)."""
+    """Return matrices of pieces (K, 2E, 2E), signs of det k, the mask of regular pieces, and velocities V (K, E, 2)."""
     matrix = piece_matrix(apex, status)
     sign = np.linalg.slogdet(matrix)[0]
     sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)

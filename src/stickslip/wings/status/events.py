@@ -103,7 +103,7 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
 
 
 def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(N, 3) positions in which caught rattlers follow the bodies that hold them, with the smallest slip."""
+    """Return positions (N, 3) in which caught rattlers follow the bodies that hold them, with the smallest slip."""
     contacts, count, dim = state.contacts, len(state.grains.radius), state.cell.dim
     i, j = contacts.i[rows], contacts.j[rows]
     normal = gaps(state, rows)[0]
@@ -141,7 +141,7 @@ def _gap_directions(i, j, normal, number) -> np.ndarray:
 
 
 def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
-    """Smallest x with G x ≥ h, or None if there is none, and a mask of the active rows."""
+    """Return the smallest x with G x ≥ h, or None if there is none, and a mask of the active rows."""
     scale = np.abs(needed).max()
     system = np.vstack([directions.T, needed / scale])
     aim = np.zeros(len(system))
@@ -185,7 +185,7 @@ def _wedging_contacts(state: State, i, j, frame, mu, unit, number) -> np.ndarray
 
 
 def release_rattlers(state: State, loose: np.ndarray) -> State:
-    """State in which the contacts of rattlers, except those within bonded clusters, carry no force."""
+    """Remove the forces of contacts of rattlers, except those within bonded clusters; return the state."""
     body = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
     contacts, count = state.contacts, int(state.contacts.count[0])
     unit, (i, j) = joined_bodies(state), (contacts.i[:count], contacts.j[:count])
@@ -193,7 +193,7 @@ def release_rattlers(state: State, loose: np.ndarray) -> State:
 
 
 def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
-    """State with the mode of some contacts set, their slip removed and their memory reset to the current positions."""
+    """Set the mode of some contacts, remove their slip, and reset their memory to the current positions."""
     contacts = state.contacts
     modes, slip, pair, roll = (a.copy() for a in (contacts.mode, contacts.slip, contacts.pair, contacts.roll))
     modes[rows], slip[rows] = mode, 0.0
@@ -287,7 +287,7 @@ def _first_break(increment, moved: np.ndarray, velocity: np.ndarray, first: Next
 
 
 def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
-    """(M,) fractions of the increment after which sticking contacts reach the cone, on either side."""
+    """Return the fractions (M,) of the increment after which sticking contacts reach the cone, on either side."""
     m, reached = increment.matrix, np.full(len(force), np.inf)
     if m.width == 3:
         sticks = ~choice.sliding
@@ -307,7 +307,7 @@ def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
 
 
 def _shares_to_round_cone(mu: np.ndarray, force: np.ndarray, rate: np.ndarray, on: np.ndarray) -> np.ndarray:
-    """(C,) fractions after which |F_t| = μ F_n, the first positive root of a quadratic; infinite if there is none.
+    """Return the fractions (C,) after which |F_t| = μ F_n: the first positive root of a quadratic, or infinity.
 
     Contacts `on` the cone, (C,) bool, leave it first.
     """
@@ -325,7 +325,7 @@ def _shares_to_round_cone(mu: np.ndarray, force: np.ndarray, rate: np.ndarray, o
 
 
 def _first_on_cone(increment, force, reached, first: NextEvent) -> NextEvent:
-    """First contact that reaches the cone, if it does so before the end found so far."""
+    """Find the first contact that reaches the cone, if it does so before the end found so far."""
     m, soonest = increment.matrix, reached.min(initial=np.inf)
     # the force on a disk with two contacts turns with the line between them, which a linear step predicts poorly
     far = m.mu * force[:, 0] - np.linalg.norm(force[:, 1:], axis=1) > NEAR_CONE * force[:, 0]
@@ -338,7 +338,7 @@ def _first_on_cone(increment, force, reached, first: NextEvent) -> NextEvent:
 
 
 def _first_on_apex(increment, force, rate, first: NextEvent, left: float) -> NextEvent:
-    """First contact whose force vanishes."""
+    """Find the first contact whose force vanishes, if it does so before the end found so far."""
     falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
     time = np.where(falls, np.maximum(force[:, 0], 0.0) / np.where(falls, -rate[:, 0], 1.0), np.inf)
     soonest = time.min(initial=np.inf)

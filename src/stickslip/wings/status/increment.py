@@ -341,7 +341,7 @@ class Increment:
             self.missed = max(self.missed, OUT_OF_BALANCE * (1 + done * self.increment))
 
     def _advance(self, force, moved, slides, sign, contacts, done: float) -> PathState:
-        """State after the increment: bodies moved, contact memory set from the path, contacts at the apex marked."""
+        """Return the state after the increment: move bodies, set the contact memory, and mark contacts at the apex."""
         m, before, solid = self.matrix, self.state, self.matrix.width == 3
         held = before.contacts.mode.copy()
         held[m.rows] = np.where(slides, SLIDE, STICK)
@@ -388,7 +388,7 @@ def force_scale(state: State, law: Law, *loads: np.ndarray) -> float:
 
 
 def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
-    """(n,) unbalanced force of a state.
+    """Return the unbalanced force (n,) of a state.
 
     Excluded are forces on rattlers, which are moved aside, forces within clusters of rattlers, and forces of parted
     pairs with a small overlap.
@@ -412,7 +412,7 @@ def without_bonds_of(state: State, loose: np.ndarray) -> State:
 
 
 def _statuses_from_side(side: np.ndarray) -> np.ndarray:
-    """Statuses, as in `cone_apex`, of contacts that carry a force: sgn D_t for sliding contacts, 0 for others."""
+    """Return statuses, as in `cone_apex`, of contacts with force from sgn D_t of sliding contacts, and 0 for others."""
     return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
 
 

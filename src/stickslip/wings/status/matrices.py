@@ -103,7 +103,7 @@ class LinearSystem(NamedTuple):
 
     @property
     def margin(self) -> np.ndarray:
-        """(M,) F̃ = μ F_n − |F_t| [force]."""
+        """Distance from the Coulomb cone (M,), F̃ = μ F_n − |F_t| [force]."""
         return self.mu * self.force[:, 0] - np.linalg.norm(self.force[:, 1:], axis=1)
 
 
@@ -202,7 +202,7 @@ def joined_bodies(state: State) -> np.ndarray:
 
 
 def loose_grains(state: State, known: np.ndarray | None = None, *, loaded: bool = True) -> np.ndarray:
-    """(N,) bool: rattlers, which have fewer than two supports; grains that beams join count as one body.
+    """Return the mask (N,) of rattlers, which have fewer than two supports; grains that beams join count as one body.
 
     Grains that beams join around a periodic cell are not rattlers, and contacts with images of the same body count as
     supports. In a packing with bonds, grains that carry an external load count as supported unless `loaded`.
@@ -277,7 +277,7 @@ def _unwrapped(n: int, i: np.ndarray, j: np.ndarray, image: np.ndarray) -> tuple
 
 
 def rigid_motions(state: State, free: Freedom) -> sparse.csr_array:
-    """(n, 6U) translations and rotations of U clusters of spheres that are joined by beams and held only by contacts.
+    """Return translations and rotations (n, 6U) of U clusters of spheres joined by beams and held only by contacts.
 
     Clusters around a periodic cell, which cannot rotate, are left out.
     """
@@ -300,7 +300,7 @@ def rigid_motions(state: State, free: Freedom) -> sparse.csr_array:
 
 
 def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:
-    """(K, n) rates of deformation of intact bonds: stretching and, if resisted, shear, bending and twisting.
+    """Return the rates (K, n) of deformation of intact bonds: stretching and, if resisted, shear, bending and twisting.
 
     Shear is the velocity of i relative to j at the point where the shear force acts (see `core/contacts/bonds.py`);
     rotations are multiplied by the bond's length, so all rates are velocities.
@@ -337,7 +337,7 @@ def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:
 
 
 def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarray) -> np.ndarray:
-    """(B,) mask of the grains to exclude; contacts in the rows `parted` do not support grains."""
+    """Return the mask (B,) of the grains to exclude; contacts in the rows `parted` do not support grains."""
     n, loose = len(state.grains.radius), np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):
         if np.shape(rattlers) != (n,):
@@ -353,7 +353,7 @@ def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarr
 
 
 def contact_frames(normal: np.ndarray, slip: np.ndarray, dim: int) -> np.ndarray:
-    """(C, dim, 3) axes n, t and t′: t is clockwise from n in a plane, and along the slip (C, 3) in three dimensions.
+    """Return axes n, t and t′ (C, dim, 3): t is clockwise from n in a plane, and along the slip in three dimensions.
 
     Without slip, t is perpendicular to the axis that is farthest from n.
     """
@@ -380,7 +380,7 @@ def _directions(rows, frame, count: int):
 
 
 def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: LinearSystem):
-    """(n, n) geometric stiffness: −J of sticking contacts without c K cᵀ."""
+    """Return the geometric stiffness (n, n): −J of sticking contacts minus c K cᵀ."""
     rows, kept, slip = matrix.rows, np.zeros(len(line.normal)), np.zeros_like(line.slip)
     if matrix.width == 2:
         return _geometric_stiffness_in_plane(state, line, matrix)
@@ -396,7 +396,7 @@ def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: Li
 
 
 def _geometric_stiffness_in_plane(state: State, line: Linearisation, matrix: LinearSystem):
-    """(n, n) geometric stiffness in two dimensions: (F_n t − F_t n)(t·dr)/|r|.
+    """Return the geometric stiffness (n, n) in two dimensions, from the force (F_n t − F_t n)(t·dr)/|r|.
 
     This form avoids the round-off of a difference, which could decide at a fork which path is taken.
     """
@@ -410,7 +410,7 @@ def _geometric_stiffness_in_plane(state: State, line: Linearisation, matrix: Lin
 
 
 def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
-    """(M, d, d) blocks S of every contact; `sliding` (M,) bool."""
+    """Return the blocks S (M, d, d) of all contacts; `sliding` is a mask (M,)."""
     out = np.tile(np.eye(matrix.width), (matrix.count, 1, 1))
     out[sliding, 1, 1] = 0.0
     out[sliding, 1, 0] = -(matrix.slope * matrix.sign)[sliding]
@@ -418,14 +418,14 @@ def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
 
 
 def block_diagonal(parts: np.ndarray):
-    """(dM, dM) sparse block-diagonal matrix of (M, d, d) parts."""
+    """Return the sparse block-diagonal matrix (dM, dM) of the blocks `parts` (M, d, d)."""
     m, width = parts.shape[:2]
     return sparse.bsr_array((parts, np.arange(m), np.arange(m + 1)), shape=(width * m, width * m))
 
 
 @checked
 def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, geometric: bool = True):
-    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness and that of the machine.
+    """Return the sparse k = c K S cᵀ (n, n), with df_ext/dt = k v, plus the geometric and the machine's stiffness.
 
     For these statuses, it equals −J, with the Jacobian J of the forces.
 
@@ -440,7 +440,7 @@ def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, ge
 
 
 def force_rates(matrix: LinearSystem, sliding: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """(M, d) dF/dt = −K S cᵀ v of all contacts; `sliding` (M,) bool, `velocity` (n,)."""
+    """Return the force rates dF/dt = −K S cᵀ v (M, d) of all contacts; `sliding` is a mask (M,), `velocity` is (n,)."""
     relative = (matrix.c.T @ velocity).reshape(-1, matrix.width)
     stretched = np.einsum("mab,mb->ma", statuses(matrix, sliding), relative)
     return -np.einsum("mab,mb->ma", matrix.springs, stretched)
@@ -458,7 +458,7 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
 
 @checked
 def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
-    """(n, n) sparse c Γ cᵀ, the derivative of −f with respect to velocities; equal to −C for these statuses.
+    """Return the sparse c Γ cᵀ (n, n), the derivative of −f with respect to velocities; equal to −C for these statuses.
 
     A sliding contact has no dashpot along t; its tangential force is μ times the normal force, dashpot included.
     """

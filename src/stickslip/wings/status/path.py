@@ -117,7 +117,7 @@ class LoadPath(NamedTuple):
 
     @property
     def load(self) -> np.ndarray:
-        """(T,) loads of all points."""
+        """Loads (T,) of all points, in legs."""
         return np.array([p.load for p in self.points])
 
     @property

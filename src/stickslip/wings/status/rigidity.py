@@ -182,7 +182,7 @@ def _constraint_matrix(state: State, matrix: LinearSystem):
 
 
 def _null_samples(a, order: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-    """Rank of a sparse matrix (m, n), and random vectors of its right and left null spaces, (n, k) and (m, k).
+    """Return the rank of a sparse matrix (m, n) and random vectors of its right and left null spaces (n, k) and (m, k).
 
     Each vector is zero or has a largest component of 1.
     """

@@ -218,7 +218,7 @@ def _make_failure(system: StatusSolver, verdict: Verdict, proof=None, known=None
 
 
 def _expand_status(system: StatusSolver, slides: np.ndarray) -> np.ndarray:
-    """(M,) mask of sliding contacts from a status of the critical contacts."""
+    """Return the mask (M,) of all sliding contacts, given the status of the critical contacts."""
     sliding = np.zeros(system.matrix.count, bool)
     sliding[system.critical] = slides
     return sliding

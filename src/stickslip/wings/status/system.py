@@ -183,7 +183,7 @@ def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
 
 
 def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
-    """(n,) translations of the whole packing that move no contact."""
+    """Return the translations (n,) of the whole packing that move no contact."""
     moves = [(matrix.free.axis == axis).astype(float) for axis in range(matrix.free.dim)]
     slack = 1e-12 * np.abs(matrix.machine.data).max(initial=0.0)  # bonds resist no translation, except for round-off
     moves = [move for move in moves if move.any() and np.abs(matrix.machine @ move).max() <= slack]
@@ -211,7 +211,7 @@ def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
 
 
 def roll_springs(matrix: LinearSystem, geometric: bool = True):
-    """(n, n) sparse stiffness that keeps rolling spheres from spinning about the line through their contacts.
+    """Return a sparse stiffness (n, n) that keeps rolling spheres from spinning about the line through their contacts.
 
     If the load does not drive this motion, the springs carry no force. Force balance does not determine the spin;
     inertia and drag do. The spin affects other contacts only to the order of the overlap over the radius.
@@ -222,7 +222,7 @@ def roll_springs(matrix: LinearSystem, geometric: bool = True):
 
 
 def regular_stiffness(matrix: LinearSystem, sliding: np.ndarray, geometric: bool):
-    """(n, n) sparse k(S) with `roll_springs`."""
+    """Return the sparse stiffness k(S) (n, n), including `roll_springs`."""
     k = stiffness_matrix(matrix, sliding, geometric=geometric)
     return sparse.csr_array(k + roll_springs(matrix, geometric)) if matrix.width == 3 else k
 
@@ -252,7 +252,7 @@ def driven_motions(matrix: LinearSystem, load: np.ndarray, geometric: bool = Tru
 
 
 def _coordinates_of_bridges(matrix: LinearSystem) -> np.ndarray:
-    """(K, 6) coordinates of the spheres that have two contacts and are free in all directions."""
+    """Return the coordinates (K, 6) of the spheres that have two contacts and are free in all directions."""
     if matrix.free.dim == 2:
         return np.zeros((0, 6), int)
     c, body = matrix.c.tocoo(), matrix.free.body
@@ -340,6 +340,6 @@ def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
 
 
 def external_force(state: State, free: Freedom) -> np.ndarray:
-    """(n,) generalised external force on the free coordinates [force]."""
+    """Return the generalised external force (n,) on the free coordinates [force]."""
     nothing = np.zeros((state.n_bodies, 3))
     return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)

@@ -97,7 +97,7 @@ def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
 
 
 def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniqueness:
-    """Verdict from all 2^Mc − 1 principal minors."""
+    """Return the verdict from all 2^Mc − 1 principal minors."""
     through = enumerate_rates(here)
     reason = f"all {len(through.sign) - 1} principal minors were computed"
     if (through.sign < 0).any():

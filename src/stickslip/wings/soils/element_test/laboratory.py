@@ -219,7 +219,7 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
 
 
 def pairs_of(kind: str) -> list[tuple[str, str]]:
-    """Columns along x and y of the panels for a kind of test."""
+    """Return the columns along x and y of each panel for a kind of test."""
     if kind == "isotropic":
         return [("p", "void_ratio"), ("p", "volumetric_strain")]
     if kind == "oedometric":

@@ -160,7 +160,7 @@ class Leg(NamedTuple):
 
 
 def legs_of(series: ElementSeries, dim: int, kind: str) -> list[Leg]:
-    """Parts of the path between its turns."""
+    """Split a path into legs at its turns."""
     way = np.sign(np.diff(series.load))
     moves = np.flatnonzero(way)
     turns = moves[1:][np.diff(way[moves]) != 0]

@@ -43,7 +43,7 @@ def columns(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndar
 
 
 def for_engineers(values, unit: str):
-    """Values and unit for display: stresses in kPa instead of Pa."""
+    """Convert values and their unit for display: stresses are in kPa instead of Pa."""
     return (1e-3 * values, "kPa") if unit == "Pa" else (values, unit)
 
 
@@ -564,7 +564,7 @@ def _in_compression(sigma1: np.ndarray, sigma3: np.ndarray) -> np.ndarray:
 
 
 def _ends(name: str, group: list[SweepMember], factor: float) -> Ends:
-    """Path ends of a group, with stresses multiplied by a factor."""
+    """Return the ends of the paths of a group, with stresses multiplied by a factor."""
     p, ratio, e = (_column(group, each) for each in ("p_end", "end_ratio", "e_end"))
     there = np.isfinite(p + ratio + e)
     p, q, e = factor * p[there], (factor * p * ratio)[there], e[there]

@@ -58,7 +58,7 @@ class Drive(NamedTuple):
 
 
 def drive_of(loading: Loading, dim: int) -> Drive:
-    """Control of the cell along a path in `dim` dimensions."""
+    """Return the control of the cell along a path in `dim` dimensions."""
     gradient, axial = np.zeros((3, 3)), dim - 1
     lateral = tuple(range(axial))
     if loading.kind == "isotropic":

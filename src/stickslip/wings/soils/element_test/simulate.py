@@ -310,7 +310,7 @@ def loads_of(scenario: ElementTestScenario) -> np.ndarray:
 
 
 def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
-    """Indices of the loads before the first turn that are nearest to the strains to probe."""
+    """Return the indices of the loads, before the first turn, that are nearest to the strains to probe."""
     loads = np.abs(loads_of(scenario))
     first = loads[: int(np.argmin(np.append(np.diff(loads), -1.0) > 0)) + 1]
     return frozenset(int(np.abs(first - abs(strain)).argmin()) for strain in scenario.probed_strains)
@@ -530,7 +530,7 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
 
 
 def _follow_total(rig: Rig, scales: Scales, pressure: float, state: State, time: float) -> Callable:
-    """Proportional and integral control of the total stress, in blocks of a given time.
+    """Return a proportional-integral controller of the total stress, which acts in blocks of a given time.
 
     The returned function maps the state, the total stress of the cell, and the length of the next block (relative to a
     whole block) to a velocity gradient (3, 3). In a resumed run, the integral begins with the current rate.
