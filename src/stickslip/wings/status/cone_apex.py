@@ -1,6 +1,6 @@
 """Contacts that open and close: the four statuses at the apex of the Coulomb cone, as one piecewise-linear map.
 
-A contact without force responds to the relative velocity V of its bodies in one of four ways. The cells of V are
+A contact without force responds to the relative velocity V of its bodies in one of four ways. The four cells of V are
 disjoint and cover the plane; the force rate −K S V is continuous across their boundaries:
 
     opens            V_n > 0                              S = 0

@@ -10,9 +10,9 @@ m = μ K_n/K_t for a linear law. A law whose tangential force depends on the ove
 = sgn D_t ∂φ/∂δ, and m = (μ K_n − ∂φ/∂δ)/K_t. The geometric stiffness −(dc/dt) F, due to the rotation of contacts, is
 small, of the order of the overlap over the radius.
 
-In three dimensions, t is along the slip and t′ = n × t across it: F and V have three components, D_t is the length of
-the slip, and its sign is 1. A contact slides along t only: across it, S is 1 and K is K_t, which turns the force. The
-geometric stiffness, which is the same for all statuses, is the part of the Jacobian beyond c K S cᵀ.
+In three dimensions, t is along the slip and t′ = n × t: F and V have three components, D_t is the length of the slip,
+and its sign is 1. A contact slides along t only; along t′, S is 1 and K is K_t, which turns the force. The geometric
+stiffness, which is the same for all statuses, is the part of the Jacobian beyond c K S cᵀ.
 
 Walls may rotate. Each then has one additional coordinate, its arm times its angle about its point. A disk at x_i and a
 wall with point p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i − p)·t. This point

@@ -139,8 +139,8 @@ def load_path(
     leads to the next equilibrium, from which the path continues. Forces are dead loads. To prescribe a displacement,
     pull with a stiff spring whose load point moves (`with_machine`).
 
-    Bonds are elastic springs, `linear_system(..., bonds="elastic")`: a state stores their loads as deformations, and
-    rigid bonds would have none. A bond breaks where its load reaches its strength; the event states the mode of
+    Bonds are elastic springs, as in `linear_system(..., bonds="elastic")`: a state stores their loads as deformations,
+    which rigid bonds do not have. A bond breaks where its load reaches its strength; the event states the mode of
     failure. Its load then passes to other bonds, while the external load stays the same. Where no equilibrium
     continues the path, it ends or, with `drag`, continues by dynamics. In cemented boxes, steps of `equilibrate` and
     slow dynamics broke the same bonds (`tests/wings/status/test_cemented_path.py`).

@@ -1,9 +1,9 @@
 """Simulation of cyclic shear, and measures of its cycles: modulus, damping ratio, split of the work, and return.
 
-Each step ends in equilibrium, and its energies are entered in a ledger. γ_a and τ_a = G γ_a are the amplitudes between
-the turns of a loop. The damping ratio is D = ΔW/(4π W), with the area ΔW of the loop and W = ½ τ_a γ_a. ΔW is the work
-of the shear stress, including work within steps in which grains rearrange. G′ and G″ are the first Fourier coefficients
-of τ over γ₀, for γ = γ₀ sin θ, so ΔW = π γ₀² G″ up to the error of the trapezoidal rule.
+Each step ends in equilibrium, and its energies are entered in a ledger. γ_a and τ_a = G γ_a are half the differences of
+strain and stress between the turns of a loop. The damping ratio is D = ΔW/(4π W), with the area ΔW of the loop and W =
+½ τ_a γ_a. ΔW is the work of the shear stress, including work within steps in which grains rearrange. G′ and G″ are the
+first Fourier coefficients of τ over γ₀, for γ = γ₀ sin θ, so ΔW = π γ₀² G″ up to the error of the trapezoidal rule.
 """
 
 from functools import cached_property, partial

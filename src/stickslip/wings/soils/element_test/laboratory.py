@@ -34,7 +34,7 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
     """Read a laboratory soil test from a table, as columns of `series.csv` in pascals, compression positive.
 
     Columns are recognised by usual names, such as `Axial strain (%)`, `σ1 − σ3 [kPa]`, `εv`, `u`, `e` or `p'`. Units
-    are in brackets, after the name or in a row below, and numbers may have decimal commas, as in
+    may be in brackets, after the name or in a row below, and numbers may have decimal commas, as in
     `friction.read_record`. Strains are assumed to be nominal (change over initial size) unless they are named
     logarithmic, and are converted to logarithmic strains. A warning lists unknown columns and assumptions.
 
