@@ -305,7 +305,7 @@ def failure_directions(
     edges = np.concatenate([[at[0] - min([reach, *(middle - at[0])[:1]], key=abs)], middle, [at[-1] + reach]])
     envelope = probes[0].envelope
     turn = 360 / len(envelope.angle)
-    rows = turn * (np.arange(len(envelope.angle) + 2) - 0.5)  # the first direction again at 360°
+    rows = turn * (np.arange(len(envelope.angle) + 2) - 0.5)  # repeats the first direction at 360°
     work = np.ma.masked_invalid(np.array([each.envelope.normalised_work for each in probes]).T)
     work = np.ma.concatenate([work, work[:1]])
     shades = colormaps["RdBu"].with_extremes(bad=BLACK)

@@ -425,7 +425,7 @@ class LoadedSample:
 
     @property
     def holds(self) -> bool:
-        """False if a sample without confining pressure has lost all bonds before the test."""
+        """False if a sample without confining pressure lost all of its bonds before the test."""
         return bool(self.cement.confining) or int((self.breaks.row == 0).sum()) < len(self.run.end.bonds.i)
 
     def broken(self, row: int | np.ndarray, tension: bool) -> int | np.ndarray:

@@ -126,7 +126,7 @@ class ElementRun(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Part of a path after the previous piece, and the state needed to continue."""
+    """Part of a path since the previous saved piece, and the state from which it continues."""
 
     rows: dict[str, np.ndarray]
     state: State

@@ -108,7 +108,7 @@ class FlowResult(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Part of a run after the previous piece, and the state needed to continue."""
+    """Part of a run since the previous saved piece, and the state from which it continues."""
 
     stage: int
     begin: float  # start of the stage [time]
