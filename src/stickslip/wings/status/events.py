@@ -26,7 +26,7 @@ from .status import ContactStatus
 
 NUDGE = 1e-12  # gap to which rattlers are pushed aside, and overlap of a new contact, over the radius
 ROUNDS = 30  # largest number of iterations of pushing, needed because directions change
-NEAR = 30.0  # gap over the deepest overlap within which a pair may close while rattlers move
+NEAR = 30.0  # ratio of gap to deepest overlap below which a pair may close while rattlers move
 BALANCED = 1e-8  # residual of a force balance, for forces of size 1
 ROTATIONS = {2: [2], 3: [0, 1, 2]}  # axes about which grains rotate
 TURNS = 2 * np.pi * np.arange(12) / 12
@@ -205,9 +205,9 @@ def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
     return state._replace(contacts=contacts._replace(mode=modes, slip=slip, pair=pair, roll=roll))
 
 
-APEX = 1e-6  # normal force over its mean at which a contact is at the apex of the cone
-NEAR_APEX = 1e-4  # normal force over its mean below which a linear step reaches the apex to within APEX
-NEAR_CONE = 1e-5  # distance from the cone over the normal force below which a linear step reaches the cone
+APEX = 1e-6  # ratio of normal force to its mean below which a contact is at the apex of the cone
+NEAR_APEX = 1e-4  # ratio of normal force to its mean below which a linear step reaches the apex to within APEX
+NEAR_CONE = 1e-5  # ratio of distance from the cone to normal force below which a linear step reaches the cone
 APPROACH = 0.9  # fraction of the distance to an event that a linear step would miss; c is recomputed there
 TOGETHER = 1e-9  # fraction of an increment within which events are simultaneous
 NEAR_BREAK = 1e-5  # margin of a bond, relative to its strength, below which a linear step breaks it

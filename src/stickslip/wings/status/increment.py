@@ -42,12 +42,12 @@ from .system import RESIDUAL, external_force, lowest_eigenvalue, pinned_coordina
 from .uniqueness import certificate
 
 AT_CONE = 1e-10  # round-off of the distance from the cone over the mean normal force, at a condition number of k of 1e5
-BLURRED = 10.0  # force over the unbalanced force below which disks with two contacts are not checked against the cone
+BLURRED = 10.0  # ratio of force to unbalanced force below which disks with two contacts are not checked for the cone
 CROWD = 200  # number of events without progress in load after which a path ends; no observed avalanche was as large
-OUT_OF_BALANCE = 1e-4  # unbalanced over mean force beyond which increments are halved; the accuracy of event loads
+OUT_OF_BALANCE = 1e-4  # ratio of unbalanced to mean force that halves increments; the accuracy of event loads
 BALANCED = 1e-10  # residual over the mean normal force after balancing; far below the force of a contact at the apex
 TOUCHES = 1e-7  # gap up to which a pair touches, as a force over the mean normal force; below the error due to APEX
-STRAYS = 1e-3  # estimated error of forces, over the mean normal force, beyond which an increment of spheres is halved
+STRAYS = 1e-3  # ratio of estimated force error to mean normal force beyond which an increment of spheres is halved
 BRACKET = 1e-3  # error of the load at which a sliding contact in 3D sticks again, as a fraction of an increment
 CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth of the residual
 LEAST = 0.01  # smallest force to which forces of a packing with bonds are compared, over the largest external force

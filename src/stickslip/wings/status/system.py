@@ -15,7 +15,7 @@ from .matrices import LinearSystem, linear_system, stiffness_matrix
 # the same at 48, but the result of a correction is verified with a new factor
 FEW = 24
 RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
-NEUTRAL = 1e-9  # stiffness, over that of contacts, below which a cluster rolls without resistance
+NEUTRAL = 1e-9  # ratio of stiffness to contact stiffness below which a cluster rolls without resistance
 ROUND_OFF = 1e-13  # round-off of a velocity over the largest one nearby, for condition numbers of a few hundred
 RELAXATIONS = 20  # largest number of Newton steps for bonded rattlers
 RELAXED = 1e-10  # unbalanced force of bonded rattlers over stiffness and radius; also the cut-off of rigid motions

@@ -45,7 +45,7 @@ from . import EXPERIMENT
 from .scenario import CyclicShearScenario
 
 ELASTIC = 1e-3  # damping ratio below which cycles are elastic if the grains return
-RETURNED = 1e-2  # rms displacement over γ₀ D below which a sample has returned
+RETURNED = 1e-2  # ratio of rms displacement to γ₀ D below which a sample has returned
 CLEAR = 1e-5  # damping ratio above which the work is split; the area of smaller loops is lost in round-off
 NAN = float("nan")
 SHEAR = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # displacement gradient of γ = 1
