@@ -1,1 +1,1 @@
-"""Wings: packages built on the laboratory; each is imported on first use."""
+"""Wings are packages that build on the rest of stickslip; each is imported on first use."""

@@ -727,7 +727,7 @@ def test_stresses_and_strains_that_contradict_each_other_are_refused(tmp_path):
     heads, columns = ["axial strain [%]", "q [kPa]", "volumetric strain [%]", "e"], [
         1e2 * LOADED, 1e-3 * DEVIATOR, DILATION, 1.6 * (1 - DILATION) - 1,
     ]  # fmt: skip
-    with pytest.raises(ValueError, match=r"0\.0101 times that of the void ratio"):
+    with pytest.raises(ValueError, match=r"0\.0101 times that implied by the void ratio"):
         read_test(table_of(tmp_path / "b.csv", heads, *columns))
 
 

@@ -1,4 +1,4 @@
-"""Legs run by LAMMPS; states are read as soon as they are written, with their contact memory."""
+"""Run legs in LAMMPS; its states are read, with their contact memory, as soon as they are written."""
 
 import os
 import re
@@ -46,7 +46,7 @@ for path in sys.argv[1:]:
     code.file(path)
 code.close()
 """
-SHOWN = 300  # length of quotations from LAMMPS in a message [characters]
+SHOWN = 300  # largest length of a quotation from LAMMPS in a message [characters]
 
 
 def require_lammps(ranks: int = 1) -> None:
@@ -99,7 +99,7 @@ def start_lammps(*inputs: str, folder: Path, ranks: int = 1) -> subprocess.Popen
 
 
 def _command(inputs, ranks: int) -> list[str]:
-    """Command of a process that runs LAMMPS.
+    """Return the command of a process that runs LAMMPS.
 
     LAMMPS cannot run in this process: a second instance would not find the contact memory in a restart file, because it
     looks for that memory under a number that counts all pair styles created in the process.
@@ -125,7 +125,7 @@ def error_line(run: subprocess.CompletedProcess) -> str:
 
 
 def last_error(*texts: str) -> str:
-    """Return the last error line, or else the last line; empty if there is none."""
+    """Return the last line that reports an error, or else the last line; empty if there are no lines."""
     lines = [line.strip() for text in texts for line in text.splitlines() if line.strip()]
     wrong = [line for line in lines if "ERROR" in line or "Error" in line or "Exception" in line]
     return (wrong or lines or [""])[-1][:SHOWN]
@@ -139,9 +139,9 @@ LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # pattern of a line of t
 def run_in_lammps(
     state: State, law: Law, steps: int, dt: float, *, drag: float = 0.0, samples: int = 1, ranks: int = 1
 ) -> tuple[State, ...]:
-    """Run a state with its contact memory in LAMMPS; return states with theirs, the last at the end of the run.
+    """Run a state in LAMMPS; return sampled states, the last at the end of the run. Contact memory is kept.
 
-    Walls may be fixed or driven, and rigid groups held, driven, loaded or pulled by springs. Cells may be periodic,
+    Walls may be fixed or driven, and rigid groups held, driven, loaded or pulled by springs. Cells may be periodic or
     sheared, or have lengths that follow a stress. LAMMPS integrates slip as `run` does with ``slip_update="rate"``; it
     does not track angles.
 
@@ -215,7 +215,7 @@ def _pieces(ranks: int, leg: Leg) -> Iterator[tuple[State, Record]]:
 
 
 def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Record]]:
-    """Yield engine results from the states at the samples of a leg."""
+    """Yield the results of an engine, pairs of state and record, from the sampled states of a leg."""
     if not leg.every:
         nothing = join_samples([], leg)
         yield from ((state, nothing) for state in states)
@@ -241,7 +241,7 @@ def run_leg(leg: Leg, folder: Path) -> Iterator[State]:
 
 
 def write_start(leg: Leg, folder: Path) -> Path:
-    """Write the input of a leg that starts from its state; with contact memory, LAMMPS prepares a restart file."""
+    """Write the input of a leg that starts from its state; if contacts have slip, the input reads a restart file."""
     path = write_input(leg, folder)
     contacts = leg.state.contacts
     count = int(contacts.count[0])
@@ -287,7 +287,7 @@ def read_leg(leg: Leg, folder: Path) -> Iterator[State]:
 
 
 def written_boxes(leg: Leg, folder: Path) -> dict[int, np.ndarray]:
-    """Bounds and tilts of the box at the steps in the log."""
+    """Return the bounds and tilts of the box at each step in the log."""
     if not (folder / LOG).is_file():
         return {}
     text = (folder / LOG).read_text(errors="replace")
@@ -307,7 +307,7 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
         places = lammps_restart.Places.of(leg.law)
         restart = lammps_restart.read_restart(path, walls=len(state.walls.mass), values=places.size)
         if len(restart.ids) != len(state.grains.radius):
-            raise ValueError("a restart file that lacks grains")
+            raise ValueError("it does not contain all grains")
     except (OSError, ValueError) as problem:
         raise RuntimeError(f"{path} cannot be read ({problem}): run LAMMPS again in {folder}") from problem
     elapsed = step * leg.dt
@@ -338,7 +338,7 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
 
 
 def walls_at(leg: Leg, elapsed: float):
-    """Walls after a time in the leg."""
+    """Return the walls at a time after the start of a leg."""
     state, control, n = leg.state, leg.state.control, len(leg.state.grains.radius)
     point, velocity = state.walls.point.copy(), np.zeros_like(state.walls.velocity)
     for w in range(len(point)):
@@ -346,7 +346,7 @@ def walls_at(leg: Leg, elapsed: float):
             rate, column = control.rate[n + w, k], int(control.follows[n + w, k])
             if not rate:
                 continue
-            moved, factor, end = elapsed, 1.0, leg.state.time + elapsed  # integral of the velocity, and its value
+            moved, factor, end = elapsed, 1.0, leg.state.time + elapsed  # integral of the velocity, and its end value
             if column >= 0 and (wave := leg.waves.get(column)):
                 turn = 2 * np.pi * wave.frequency
                 first, last = (turn * (t - wave.start) + wave.phase for t in (leg.state.time, end))
@@ -380,7 +380,7 @@ sh run.sh "srun lmp"
 
 
 def leg_folder(folder: Path, number: int) -> Path:
-    """Leg folder within a folder written for a queue."""
+    """Return the path of a leg's folder within a folder written for a job queue."""
     return folder / LEGS / f"leg-{number + 1:02d}"
 
 
@@ -410,7 +410,7 @@ def clear_legs(folder: Path) -> None:
 
 
 def write_scripts(folder: Path, ends: list[Path], ranks: int) -> list[Path]:
-    """Write a script that runs legs one after the other, and a SLURM job; `ends` are the files of their end states."""
+    """Write a script that runs legs one after the other, and a SLURM job; `ends` are the end states of the legs."""
     runs = [ONE.format(leg=end.parent.name, last=end.name, input=INPUT) for end in ends]
     texts = {SCRIPT: RUN.format(ranks=ranks, legs=LEGS, runs="\n".join(runs)), JOB: SLURM.format(ranks=ranks)}
     for name, text in texts.items():

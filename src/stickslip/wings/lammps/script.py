@@ -57,7 +57,7 @@ def format_data(leg: Leg) -> str:
 
 
 def _box(leg: Leg):
-    """Positions inside the box, the whole periods subtracted, and the box's corner and lengths."""
+    """Return positions inside the box, the numbers of periods subtracted, and the corner and lengths of the box."""
     state, grains = leg.state, leg.state.grains
     periodic, vectors = state.cell.periodic, state.cell.vectors.copy()
     corner = np.zeros(3)
@@ -77,7 +77,7 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 
     Parameters
     ----------
-    begin : the data file, which is written too, or a restart file from which the leg starts
+    begin : file from which the leg starts: the data file, which is then written too, or a restart file
     """
     folder.mkdir(parents=True, exist_ok=True)
     if begin == DATA:
@@ -88,7 +88,7 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 
 
 def format_input(leg: Leg, begin: str = DATA) -> str:
-    """Commands of a leg, including output and `run`."""
+    """Return the commands of a leg, including those for output and `run`."""
     first, moving = warm_up(leg), _moving_cell(leg)
     # two steps of zero duration, so that the first forces depend on the initial rate and vectors of the cell
     between = "\n".join(["run 1", *moving.first, "run 1 pre no", *moving.second]) if moving.before else "run 2"
@@ -123,12 +123,12 @@ def _moving_cell(leg: Leg) -> CellCommands:
 
 
 def format_preparation(leg: Leg) -> str:
-    """Commands that convert the data file to a restart file, to which `lammps_restart` then adds the memory."""
+    """Return commands that convert the data file to a restart file; `lammps_restart` then adds the contact memory."""
     return f"{contact_commands(leg)}\nfix move all nve/sphere\nrun 0\nwrite_restart {BEFORE}\n"
 
 
 def contact_commands(leg: Leg, begin: str = DATA) -> str:
-    """Commands that read the grains and set the law between them and with walls."""
+    """Return commands that read the grains and set the law of contacts between grains and with walls."""
     state = leg.state
     letters = " ".join("p" if p else "m" for p in state.cell.periodic[: state.cell.dim])
     new = begin == DATA
@@ -164,7 +164,7 @@ neigh_modify delay 0 every 1 check yes{exclude}
 
 
 def _coefficients(law: Law, q, radius: float) -> dict[str, float]:
-    """Parameters by name, with k_n and k_t before LAMMPS's factor, √R_eff for Hertz's law."""
+    """Return parameters by name; k_n and k_t are divided by √R_eff if LAMMPS adds this factor to the law."""
     share = np.sqrt(radius) if lacks_radius(law) else 1.0
     values = dict(zip(builtin.parameter_names(law), q.tolist(), strict=True))
     return values | {"kn": values["kn"] / share, "kt": values["kt"] / share}
@@ -186,7 +186,7 @@ def _tension_option(law: Law) -> str:
 
 
 def granular_style(law: Law, values: dict[str, float]) -> str:
-    """Law as `pair_style granular`, where γ_t is a multiple of γ_n and E applies to grains with ν = 0."""
+    """Return a law as text for `pair_style granular`; γ_t is relative to γ_n, and E is that of grains with ν = 0."""
     name = name_with_radius(law)
     (normal, tangential), damping_n, share = lammps_laws.MODELS[name], values["damping_n"], values["damping_t"]
     damping = next(word for word, model in builtin.DAMPING.items() if model == law.damping & ~builtin.NO_TENSION)
@@ -228,7 +228,7 @@ def _course_commands(leg: Leg, body: int, name: str) -> dict[str, tuple[str, str
 
 
 def displacement_formula(leg: Leg, rate: float, column: int, step: str = "step") -> str:
-    """Displacement since the start of the leg as a function of the step."""
+    """Return a formula for the displacement since the start of the leg, as a function of the step."""
     time, begin = f"({step}*dt)", leg.state.time
     if column < 0:
         return f"{digits(rate)}*{time}"
@@ -279,12 +279,12 @@ def motion_commands(leg: Leg) -> str:
 
 
 def _rotation_drag(leg: Leg) -> float:
-    """Drag of `fix langevin` for which rotations have the drag of the leg."""
+    """Return the drag of `fix langevin` for which rotations have the drag of the leg."""
     return leg.drag * inertia_factor(leg.state) / (ROTATION * SPHERE)
 
 
 def _drag_commands(leg: Leg) -> list[str]:
-    """Drag −m ν v by `fix addforce`, and −I ν ω by `fix langevin` without noise, which also acts on translations."""
+    """Return commands for drag: −m ν v by `addforce`, and −I ν ω by `langevin` without noise, which also drags v."""
     nu, turning = leg.drag, _rotation_drag(leg)
     lines = [f"fix slow loose langevin 0.0 0.0 {digits(1 / turning)} 1 omega yes"]
     if needs_forces(leg):
@@ -302,7 +302,7 @@ def _drag_commands(leg: Leg) -> list[str]:
 
 
 def _plate_commands(leg: Leg) -> list[str]:
-    """Commands for plates: held ones are frozen (infinitely heavy) and moved; others are rigid bodies under forces."""
+    """Return commands for plates: held plates are frozen (infinitely heavy) and moved, others are rigid and loaded."""
     state = leg.state
     lines, held, moving = [], [], []
     for g, members in members_of(state).items():
@@ -330,7 +330,7 @@ def _plate_commands(leg: Leg) -> list[str]:
 
 
 def _held_commands(leg: Leg, name: str, body: int) -> list[str]:
-    """Prescribed motion of a held plate."""
+    """Return commands for the prescribed motion of a held plate."""
     course = _course_commands(leg, body, name)
     if not course:
         return [f"velocity {name} set 0.0 0.0 0.0"]
@@ -345,7 +345,7 @@ def _held_commands(leg: Leg, name: str, body: int) -> list[str]:
 
 
 def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
-    """Velocity along driven axes, and forces and springs along free axes; each grain carries an equal share."""
+    """Return commands for velocities along driven axes, and for forces and springs, shared equally, along free axes."""
     control, body, n = leg.state.control, members[0], len(members)
     free = control.free[body, :3] & (np.arange(3) < leg.state.cell.dim)
     lines, parts = [], []
@@ -369,7 +369,7 @@ def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
 
 
 def lead_formula(leg: Leg, column: int) -> str:
-    """Displacement of a spring's load point, linear between knots."""
+    """Return a formula for the displacement of a spring's load point, linear between knots."""
     if column < 0:
         return "0.0"
     time, begin, (edges, values) = "(step*dt)", leg.state.time, leg_course(leg, column, leg.steps * leg.dt)
@@ -381,7 +381,7 @@ def lead_formula(leg: Leg, column: int) -> str:
 
 
 def _place_commands(leg: Leg) -> str:
-    """Dump of unwrapped positions if the cell deforms: restart files then have wrapped positions without images."""
+    """Return commands that dump positions if the cell deforms, because restart files then lack image numbers."""
     if not warm_up(leg):
         return ""
     columns = "x y z ix iy iz vx vy vz fx fy fz" if needs_forces(leg) else "xu yu zu"

@@ -1,16 +1,16 @@
-"""A leg in terms of LAMMPS: supported conditions, atom types, rigid groups, and formulas for a deforming cell.
+"""Translation of a leg to LAMMPS: supported conditions, atom types, rigid groups, and formulas for a deforming cell.
 
-A cell may also follow a stress. LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. It
+A cell may also follow a stress. LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. LAMMPS
 moves grains with their laboratory velocities u = v + L x at mid-step, where v are the velocities used here. The effect
-of the cell on the grains is therefore applied as a force of `fix addforce`. This force takes u of one step to u⁺ of the
-next, through v at the end of the step:
+of the cell on the grains is therefore applied as a force of `fix addforce`. This force changes u of one step to u⁺ of
+the next one, through v at the end of the step:
 
     v = σ (T ((1 + ½ dt L) u − L x) + ½ dt F/m),    u⁺ = K⁺ (T⁺ (κ v + ½ dt F/m) + L⁺ x),
 
 with T and K = (1 − ½ dt L)⁻¹ of `core.dynamics.cell_motion`, and κ = 1 − ½ dt ν and σ = 1/(1 + ½ dt ν) for the drag ν.
 
 Free components of L are internal variables, which `fix controller` increases by dt L̇. Σ m v² must be known at the end
-of the step, when `fix deform` changes the cell; it is computed as the energy of another `fix addforce`, without force.
+of the step, when `fix deform` changes the cell; it is computed as the energy of another `fix addforce` with zero force.
 """
 
 from typing import NamedTuple
@@ -41,7 +41,7 @@ def warm_up(leg: Leg) -> int:
 
 
 def digits(*numbers: float) -> str:
-    """Numbers with seventeen digits, which are read back exactly."""
+    """Format numbers with seventeen digits, so that they are read back exactly."""
     return " ".join(f"{number:.17g}" for number in numbers)
 
 
@@ -52,7 +52,7 @@ def atom_types(state: State) -> np.ndarray:
 
 
 def members_of(state: State) -> dict[int, np.ndarray]:
-    """Indices of the grains of each rigid group, by its number."""
+    """Return the indices of the grains in each rigid group, by group number."""
     group = state.control.group[: len(state.grains.radius)]
     return {int(g): np.flatnonzero(group == g) for g in np.unique(group[group >= 0])}
 
@@ -63,14 +63,14 @@ def is_held(state: State, members: np.ndarray) -> bool:
 
 
 def leg_course(leg: Leg, column: int, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Knots of a varying velocity, including both ends of the leg: times since the start of the leg, and values."""
+    """Return the times and values of the knots of a varying velocity between the start of a leg and an elapsed time."""
     control, begin, end = leg.state.control, leg.state.time, leg.state.time + elapsed
     times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
     return times, np.interp(times, control.knots, control.course[:, column])
 
 
 def inertia_factor(state: State) -> float:
-    """I0 of the grains that rotate; NaN if it differs between them."""
+    """Return I0, the inertia over m R², of the grains outside rigid groups; NaN if it differs between grains."""
     grains, loose = state.grains, state.control.group[: len(state.grains.radius)] < 0
     i0 = (grains.inertia / (grains.mass * grains.radius**2))[loose]
     if not len(i0):
@@ -78,7 +78,7 @@ def inertia_factor(state: State) -> float:
     return float(i0[0]) if np.allclose(i0, i0[0], rtol=1e-9) else np.nan
 
 
-INSTANT = 1e-200  # duration of a step without motion; with zero, `fix langevin` gives NaN [time]
+INSTANT = 1e-200  # time step for steps without motion; `fix langevin` gives NaN for zero [time]
 AXES = "xyz"
 BOX = {(0, 0): "lx", (1, 1): "ly", (2, 2): "lz", (0, 1): "xy", (0, 2): "xz", (1, 2): "yz"}
 Matrix = dict[tuple[int, int], str]  # upper triangular: formulas of the entries that are not zero
@@ -86,7 +86,7 @@ ONE = {(k, k): "1" for k in range(3)}
 
 
 class CellCommands(NamedTuple):
-    """Commands for the cell and its grains: before the run, and after the first and second step of zero duration."""
+    """Commands for the cell and its grains: before the run, and after the first and second steps of zero duration."""
 
     before: list[str]
     first: list[str]
@@ -100,7 +100,7 @@ def needs_forces(leg: Leg) -> bool:
 
 
 def tilts_of(state: State) -> np.ndarray:
-    """Masks of the cell vector components that become nonzero by deformation, and of those that change (3, 3)."""
+    """Return the mask (3, 3) of the transposed cell vectors: components that are or become nonzero."""
     step = np.eye(3) + (state.control.cell_rate != 0)
     return step @ step @ (state.cell.vectors.T != 0) > 0
 
@@ -111,7 +111,7 @@ def free_axes(state: State) -> str:
 
 
 def rates_in_log(state: State) -> str:
-    """Log columns of the cell rates during the following and the previous step."""
+    """Return the columns of the log for the cell rates in the next and the previous step."""
     return "".join(f" v_cell_rate_{x} v_cell_old_{x}" for x in free_axes(state))
 
 
@@ -120,7 +120,7 @@ def cell_commands(leg: Leg, turning: float = 0.0) -> CellCommands:
 
     Parameters
     ----------
-    turning : drag on the grains by another fix, for which the forces compensate [1/time]
+    turning : drag that another fix exerts on the grains and that the forces compensate [1/time]
     """
     start, dt, axes = driven_bodies(leg.state).rate, digits(leg.dt), free_axes(leg.state)
     places = np.argwhere(leg.state.control.cell_free | (start != 0)).tolist()
@@ -130,7 +130,7 @@ def cell_commands(leg: Leg, turning: float = 0.0) -> CellCommands:
     for x in axes:
         k = AXES.index(x)
         rate[k, k], later[k, k] = f"v_cell_rate_{x}", f"v_cell_next_{x}"
-        # L̇ from contacts, and from the energies of fixes, each of which is Σ m v² along an axis
+        # L̇ follows from the stress of contacts and from Σ m v² along the axis, which is the energy of a fix
         inertia = f"({digits(cell_mass(leg.state))}*vol^{digits(2 / leg.state.cell.dim)})"
         target = f"({digits(leg.state.control.stress[k, k])})"
         pull = f"(vol*(c_cell_stress[{k + 1}]-{target})+f_cell_twice_{x})/{inertia}"
@@ -181,12 +181,12 @@ def _inverse(m: Matrix) -> Matrix:
 
 
 def _turn(rate: Matrix, dt: float) -> Matrix:
-    """Effect T of half a step of L on a velocity."""
+    """Return the matrix T, the effect of half a step at the rate L on a velocity."""
     return _product(_inverse(_sum((1, ONE), (0.25 * dt, rate))), _sum((1, ONE), (-0.25 * dt, rate)))
 
 
 def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, first: bool = False):
-    """Coefficients, fixes for Σ m v², and the fix for forces on grains; `first`: velocities are those at the start."""
+    """Return coefficients, fixes for Σ m v², and the fix for forces on grains; `first` selects the first step."""
     dt, h = leg.dt, 0.5 * leg.dt
     keep, slow = 1 - h * leg.drag, 1 / (1 + h * leg.drag)  # κ and σ
     half, turn = _inverse(_sum((1, ONE), (-h, later))), _turn(rate, dt)
@@ -223,7 +223,7 @@ def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, fi
 
 
 def _row(name: str, k: int, terms: dict[str, Matrix], leg: Leg, lines: list[str]) -> str:
-    """Row of matrices times the velocity, position or force of a grain, with variables as coefficients."""
+    """Return a formula: row k of matrices times velocity, position or force; coefficients are added to `lines`."""
     parts = []
     for letter, matrix in terms.items():
         for b in range(k, leg.state.cell.dim):
@@ -234,7 +234,7 @@ def _row(name: str, k: int, terms: dict[str, Matrix], leg: Leg, lines: list[str]
 
 
 def _shape_commands(leg: Leg, rate: Matrix, now: np.ndarray) -> tuple[list[str], list[str], str]:
-    """Variables for the cell's lengths and tilts at the start and in the next step, and `fix deform`."""
+    """Return variables for the cell's lengths and tilts, first at rest and then in motion, and `fix deform`."""
     dt, h, start, words = leg.dt, 0.5 * leg.dt, leg.state.cell.vectors.T, []
     tilts = tilts_of(leg.state)
     stretch = _product(_inverse(_sum((1, ONE), (-h, rate))), _sum((1, ONE), (h, rate)))
@@ -266,7 +266,7 @@ def read_cell(leg: Leg, following: np.ndarray, rates: np.ndarray, table):
     vectors[leg.state.cell.dim :] = leg.state.cell.vectors[leg.state.cell.dim :]
     x, image = table.numbers("x", "y", "z"), table.numbers("ix", "iy", "iz")
     u, kick = table.numbers("vx", "vy", "vz"), h * table.numbers("fx", "fy", "fz") / mass
-    ended, begins = u - kick, u + kick  # velocities in the middle of the two steps
+    ended, begins = u - kick, u + kick  # velocities in the middle of the previous and the next step
     ended = ended - (x - h * ended) @ before.T
     begins = begins - (x + h * begins) @ later.T
     turn = np.linalg.solve(one + 0.5 * h * before, one - 0.5 * h * before)
@@ -286,7 +286,7 @@ def is_linear(law: Law) -> bool:
 
 
 def lacks_radius(law: Law) -> bool:
-    """Return True for Hertz's law without the √R_eff by which LAMMPS multiplies it."""
+    """Return True for Hertz's law without the factor √R_eff, which LAMMPS includes."""
     return not (is_linear(law) or BUILTIN_LAWS[law.kind].uses_radius)
 
 
@@ -320,7 +320,7 @@ def check_law(law: Law, state: State) -> None:
             f"hertz_mindlin_reff, {STAY}"
         )
     if builtin.rescales(law) and len(state.walls.mass):
-        raise ScenarioError(f"LAMMPS computes different torques at walls under a rescaled law: {STAY[3:]}")
+        raise ScenarioError(f"LAMMPS computes torques at walls differently under a rescaled law: {STAY[3:]}")
 
 
 def name_with_radius(law: Law) -> str:
@@ -353,14 +353,14 @@ def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
         )
     if model == builtin.RESTITUTION and dashpot_coefficients(law).max() >= critical_coefficient(law.kind):
         raise ScenarioError(
-            f"LAMMPS needs stronger dashpots than it has for a restitution of {q[builtin.DAMPING_N]:g} with tension = "
+            f"LAMMPS has no dashpots strong enough for a restitution of {q[builtin.DAMPING_N]:g} with tension = "
             f"false: use at least {restitution_of(1.0, tension=False):.3f}, {STAY}"
         )
     if entry.parameters and law.damping & builtin.NO_TENSION:
         raise ScenarioError(f"LAMMPS does not allow tension = false with {entry.name}: {STAY[3:]}")
     if (is_granular(law) or walls) and model not in rest and q[builtin.DAMPING_T] > 0 and not q[builtin.DAMPING_N] > 0:
         raise ScenarioError(
-            f"LAMMPS expresses damping_t of {'this law' if is_granular(law) else 'walls and a law'} as a multiple of "
+            f"LAMMPS expresses damping_t {'of this law' if is_granular(law) else 'at walls'} as a multiple of "
             "damping_n: give both or neither"
         )
 
@@ -371,7 +371,7 @@ def is_granular(law: Law) -> bool:
 
 
 def parameters_of(law: Law, state: State) -> np.ndarray:
-    """Parameters of contacts between grains."""
+    """Return the parameters of a law for contacts between grains."""
     material = state.grains.material[0] if len(state.grains.material) else 0
     return law.table[material, material]
 
@@ -424,7 +424,7 @@ def _check_cell(leg: Leg) -> None:
             f"LAMMPS does not support walls or rigid groups in a cell whose lengths change: leave them out, {STAY}"
         )
     if not (np.triu(cell.vectors, 1) == 0).all() or not (np.diag(cell.vectors) > 0).all():
-        raise ScenarioError("LAMMPS needs a cell whose first vector is along x and second one in the xy plane")
+        raise ScenarioError("LAMMPS needs a cell whose first vector is along x and whose second is in the xy plane")
     reach = 4 * float(state.grains.radius.max(initial=0.0))
     for k in np.flatnonzero(cell.periodic[: cell.dim]):
         if cell.vectors[k, k] < reach:
@@ -443,7 +443,7 @@ def _check_grains(state: State) -> None:
             f"the LAMMPS input written here cannot hold or drive single grains: make them a rigid group, {STAY}"
         )
     if control.force[:n][loose].any() or control.torque[:n].any() or control.spring[:n][loose].any():
-        raise ScenarioError(f"forces on single grains are not translated for LAMMPS: {STAY[3:]}")
+        raise ScenarioError(f"the LAMMPS input written here does not support forces on single grains: {STAY[3:]}")
     i0 = inertia_factor(state)
     if not (np.isclose(i0, 0.4, rtol=1e-9) or (state.cell.dim == 2 and np.isclose(i0, 0.5, rtol=1e-9))):
         raise ScenarioError(
@@ -457,11 +457,11 @@ def _check_groups(leg: Leg) -> None:
         free, follows = control.free[members[0], :dim], control.follows[members[0], :dim]
         if free.any() and (follows[~free] >= 0).any():
             raise ScenarioError(
-                "a plate moved by a force along one axis and by a varying velocity along another is not translated "
-                f"for LAMMPS: use a constant velocity, {STAY}"
+                "the LAMMPS input written here does not support a plate moved by a force along one axis and by a "
+                f"varying velocity along another: use a constant velocity, {STAY}"
             )
         if control.free[members, 3:].any():
-            raise ScenarioError(f"rotating rigid groups are not translated for LAMMPS: {STAY[3:]}")
+            raise ScenarioError(f"the LAMMPS input written here does not support rotating rigid groups: {STAY[3:]}")
         if is_held(leg.state, members):
             for k in range(dim):
                 _check_course(leg, int(follows[k]))
@@ -471,8 +471,8 @@ def _check_walls(leg: Leg) -> None:
     state, n = leg.state, len(leg.state.grains.radius)
     if state.control.free[n:, : state.cell.dim].any():
         raise ScenarioError(
-            "LAMMPS moves walls at prescribed velocities only, not by forces: use a plate, whose grains are a rigid "
-            f"body, {STAY}"
+            "LAMMPS moves walls at prescribed velocities only, not by forces: use a plate, which is a rigid body of "
+            f"grains, {STAY}"
         )
     for column in np.unique(state.control.follows[n:, :3]):
         _check_course(leg, int(column))

@@ -1,4 +1,4 @@
-"""Watching a running LAMMPS simulation: measures of each frame, newest first, to keep up with the simulation."""
+"""Watch a running LAMMPS simulation: measure its frames, the newest first, to keep up with the simulation."""
 
 import time
 from collections.abc import Iterator
@@ -31,17 +31,17 @@ TENSOR = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 
 
 class Row(NamedTuple):
-    """Measures of a frame, in the units of the simulation; None if unavailable."""
+    """Measures of a frame, in the units of the simulation; unavailable measures are None."""
 
     step: int
     digest: str = ""  # digest of the frame; if it changes, the frame is computed again
     grains: int | None = None
     contacts: int | None = None  # number of touching contacts
     rattlers: int | None = None
-    coordination: float | None = None  # contacts per grain, without rattlers
-    sliding: int | None = None  # contacts at the Coulomb limit; unknown without memory
+    coordination: float | None = None  # mean number of contacts per grain, rattlers excluded
+    sliding: int | None = None  # number of contacts at the Coulomb limit; None without contact memory
     pressure: float | None = None  # [force/length^(dim−1)]
-    shear_stress: float | None = None  # half the difference of extreme principal stresses [force/length^(dim−1)]
+    shear_stress: float | None = None  # half the largest difference of principal stresses [force/length^(dim−1)]
     stress_xx: float | None = None
     stress_xy: float | None = None
     stress_xz: float | None = None
@@ -52,21 +52,21 @@ class Row(NamedTuple):
     stress_zy: float | None = None
     stress_zz: float | None = None
     residual: float | None = None  # largest unbalanced force over the mean normal contact force
-    softest: float | None = None  # smallest real part of an eigenvalue λ, without zero modes [1/time²]
+    softest: float | None = None  # smallest real part of the eigenvalues λ, zero modes excluded [1/time²]
     zero_modes: int | None = None
-    pairs: int | None = None  # number of growing pairs
+    pairs: int | None = None  # number of growing complex pairs
     growth_rate: float | None = None  # growth rate of the fastest pair [1/time]
     omega: float | None = None  # frequency of the fastest pair [1/time]
     buckling: int | None = None  # number of motions that grow without oscillation
     stable: bool | None = None  # None without a verdict
     balanced: bool | None = None
     verdict: str = ""
-    scope: str = ""  # limits of the check, if any
+    scope: str = ""  # limits of the stability check, if any
     note: str = ""  # reasons for missing values
 
     @property
     def computed(self) -> bool:
-        """True if the frame could be used."""
+        """True if the frame could be measured."""
         return self.grains is not None
 
 
@@ -78,9 +78,9 @@ def measure_frame(
 
     Parameters
     ----------
-    memory : True if the slip of its contacts is known
+    memory : True if the slip of the contacts is known
     method : one of `METHODS`; with "auto", the spectrum of more than 1500 coordinates is computed only in equilibrium
-    notes : notes on the frame; if they mention actions on grains that were not imported, the verdict is undecided
+    notes : notes on the import of the frame; if it left out actions on the grains, the verdict is undecided
     report : called as report(stage, share done, text)
     """
     here, mode = linearised(state, law), state.contacts.mode[: state.contacts.count[0]]
@@ -130,7 +130,7 @@ def _add_stress(row: Row, state: State, law: Law) -> Row:
 
 
 def verdict_word(row: Row) -> str:
-    """Verdict as one word."""
+    """Return the verdict on a frame as one word."""
     if not row.computed:
         return "damaged"
     if row.stable is not None:
@@ -150,13 +150,13 @@ class Progress(NamedTuple):
     rows: dict[int, Row]
     notes: tuple[str, ...]
     left: int  # complete frames not computed yet
-    fresh: Row | None = None  # last row computed, if it is new
+    fresh: Row | None = None  # row that was just computed, if any
     at: int | None = None  # step to be computed next
     live: bool = True  # True if the simulation may still be running
 
     @property
     def any_computed(self) -> bool:
-        """True if at least one frame could be used."""
+        """True if at least one frame could be measured."""
         return any(row.computed for row in self.rows.values())
 
 
@@ -166,7 +166,7 @@ def watch(
 ) -> Iterator[Progress]:  # fmt: skip
     """Compute every frame that is not in `known`, and yield the progress before and after each.
 
-    The newest frame is computed first, the others while the simulation is not writing.
+    The newest frame is computed first, and the other frames while the simulation is not writing.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def watch(
         if not (once and seen):
             before, seen = seen, lammps_series.look(source, seen)
             last = time.monotonic() if before is None or before.sizes != seen.sizes else last
-        # frames missing from the table, or changed since
+        # frames that are not in the table, or have changed since they were computed
         left = [p for p in seen.ready if key_of(p) != getattr(rows.get(p.grains.step), "digest", None)]
         notes = (*said, *seen.notes)
         if left:
@@ -214,7 +214,7 @@ def watch(
 
 
 def key_of(pair: lammps_series.Pair) -> str:
-    """Digest of a frame with its contacts."""
+    """Return the digest of a frame and its contacts."""
     return pair.grains.digest + (pair.contacts.digest if pair.contacts else "")
 
 
@@ -226,5 +226,5 @@ def _compute(source: lammps_series.Source, pair: lammps_series.Pair, method: str
             pair.grains.step, key_of(pair), state, source.law, memory=memory, method=method, notes=notes, report=report
         )
     except ArithmeticError as problem:
-        raise PackingError(f"its spectrum could not be computed ({problem})") from None
+        raise PackingError(f"the spectrum of the frame could not be computed ({problem})") from None
     return row, [line for line in notes if not isinstance(line, MemoryNote | Account)]

@@ -1,4 +1,4 @@
-"""Watching a simulation with its table, its page and the terminal.
+"""Watch a simulation: write its frames to a table and a page, and show them in the terminal.
 
 The table is a CSV file with a comment that states how it was computed. The terminal shows a live table, or one line per
 frame if it cannot redraw.
@@ -41,7 +41,7 @@ from ...measure import BALANCED_BELOW
 from .watch import Progress, Row, verdict_word, watch
 
 Column = Annotated[Any, Array((1,), finite=False)]  # NaN for unknown quantities
-COLOURS = {"stable": style.GREEN, "unstable": style.RED}  # colours of verdicts; other verdicts have none
+COLOURS = {"stable": style.GREEN, "unstable": style.RED}  # other verdicts have no colour
 
 
 def _line(axes, step, values, color, label=None, quantity=None):
@@ -53,7 +53,7 @@ def _line(axes, step, values, color, label=None, quantity=None):
 
 @style.styled
 def watched_stress(step: Column, pressure: Column, shear: Column):
-    """Pressure, and shear stress over pressure, against the time step."""
+    """Pressure, and the ratio of shear stress to pressure, against the time step."""
     figure, (above, below) = style.column_axes(2, 2.8, sharex=True)
     _line(above, step, pressure, style.BLUE, quantity=("pressure", "stress"))
     ratio = np.divide(shear, pressure, out=np.full(len(step), np.nan), where=np.abs(pressure) > 0)
@@ -64,7 +64,7 @@ def watched_stress(step: Column, pressure: Column, shear: Column):
 
 @style.styled
 def watched_contacts(step: Column, coordination: Column, sliding: Column):
-    """Coordination and the fraction of sliding contacts against the time step."""
+    """Coordination number and fraction of sliding contacts against the time step."""
     figure, (above, below) = style.column_axes(2, 2.8, sharex=True)
     _line(above, step, coordination, style.BLUE, quantity="contacts per grain")
     _line(below, step, sliding, style.ORANGE, quantity="sliding fraction")
@@ -78,12 +78,12 @@ def watched_contacts(step: Column, coordination: Column, sliding: Column):
 
 @style.styled
 def watched_spectrum(step: Column, softest: Column, growth: Column, verdicts: list[str]):
-    """Softest eigenvalue and growth rate of the fastest pair against the time step; marks with a verdict are filled.
+    """Softest eigenvalue and growth rate of the fastest pair against the time step; filled marks have a verdict.
 
     Parameters
     ----------
     growth : growth rates, 0 if no pair grows, NaN without a spectrum
-    verdicts : for each frame stable, unstable or another word
+    verdicts : one word per frame, such as stable or unstable
     """
     figure, (above, below) = style.column_axes(2, 2.8, sharex=True)
     _line(above, step, softest, style.BLUE, quantity=(r"softest $\lambda$", "1/time$^2$"))
@@ -108,7 +108,7 @@ def watched_spectrum(step: Column, softest: Column, growth: Column, verdicts: li
 
 @style.styled
 def watched_balance(step: Column, residual: Column, limit: float):
-    """Largest unbalanced force over the mean contact force against the time step, with the limit for a verdict."""
+    """Largest unbalanced force over the mean contact force against the time step, and the limit for a verdict."""
     figure, axes = style.column_axes(1, 1.7)
     good = np.where(residual > 0, residual, np.nan)
     _line(axes, step, good, style.BLUE)
@@ -123,7 +123,7 @@ RELOAD = 10  # time after which the page reloads [s]
 CHARTED = (
     "pressure", "shear_stress", "coordination", "softest", "residual", "sliding", "contacts", "pairs", "growth_rate"
 )  # fmt: skip
-ROWS = 60  # largest number of rows of the table of frames
+ROWS = 60  # largest number of rows in the table of frames
 HEADINGS = (
     "step", "contacts", "per grain", "sliding", "pressure", "shear/pressure", "unbalanced", "softest λ", "pairs",
     "growth rate", "verdict",
@@ -183,7 +183,7 @@ def _series(rows: list[Row], name: str) -> np.ndarray:
 
 
 def cells(row: Row) -> list[str]:
-    """Numbers of a row as text, with a dash for missing ones."""
+    """Return the numbers of a row as text; a missing number is a dash."""
 
     def text(value, form: str) -> str:
         return "–" if value is None else format(value, form)
@@ -202,7 +202,7 @@ NUMBERS = {name: kind for name, kind in Row.__annotations__.items() if kind is n
 
 
 def describe(source: lammps_series.Source, method: str) -> dict:
-    """Settings that, together with the frame, determine the numbers of a row."""
+    """Return the settings that, together with the frame, determine the numbers of a row."""
     law = source.law
     return {
         "law": describe_law(law), "parameters": law.table.tolist(), "kind": str(law.kind),
@@ -212,14 +212,14 @@ def describe(source: lammps_series.Source, method: str) -> dict:
 
 
 def write_rows(path: Path, rows: dict[int, Row], how: dict) -> None:
-    """Write all rows, ordered by step, atomically."""
+    """Write all rows atomically, ordered by step."""
     ordered = [row for _, row in sorted(rows.items())]
     comment = f"{MARK}{__version__}: {json.dumps(how)}"
     write_atomically(path, format_table(Row._fields, ordered, digits=None, comments=[comment]).encode())
 
 
 def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Row]:
-    """Rows of an earlier watch, except those that could not be computed; empty if there is no table.
+    """Return the rows of an earlier watch by step, except those that could not be computed; empty without a table.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Ro
     head = text.partition("\n")[0]
     try:
         if not head.startswith(f"# {MARK}"):
-            raise ValueError("it has no such comment")
+            raise ValueError("its first line is not a comment of stickslip watch")
         before = json.loads(head.partition(": ")[2])
         if not isinstance(before, dict):
             raise ValueError("its comment is not a JSON object")
@@ -273,7 +273,7 @@ def _words(row: Row) -> list[str]:
 
 @contextmanager
 def screen() -> "Iterator[_Live | _Lines]":
-    """Context manager for the display of progress: `show(done)`, and `report` for one frame."""
+    """Context manager that yields a display: `show(done)` updates it, `report` shows progress within a frame."""
     if terminal.can_redraw() and console.width >= NARROW:
         with Live(console=console, refresh_per_second=4) as live:
             yield _Live(live)
@@ -339,7 +339,7 @@ class _Lines:
             console.print(_align(_words(done.fresh)), soft_wrap=True)
 
     def report(self, stage: str, share: float, text: str) -> None:
-        """Print nothing, as a frame has one line."""
+        """Print nothing: each frame gets a single line, once it is computed."""
 
 
 def _align(columns: list[str]) -> str:
@@ -348,7 +348,7 @@ def _align(columns: list[str]) -> str:
 
 
 SAVE_EVERY = 3.0  # minimum time between two writes of table and page [s]
-REST = 5.0  # interval between writes, over the duration of a write
+REST = 5.0  # smallest ratio of the interval between two writes to the duration of a write
 
 
 def watch_and_record(
@@ -360,7 +360,7 @@ def watch_and_record(
     Raises
     ------
     ValueError
-        If the table or the page would replace a foreign file; raised before any computation.
+        If the table or the page would replace a foreign file; this is checked before any computation.
     """
     page, how = table.with_suffix(".html"), describe(source, method)
     if table.suffix.lower() != ".csv":

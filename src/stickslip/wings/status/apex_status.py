@@ -55,18 +55,18 @@ from .system import (
     rolling_motions,
 )
 
-COMBINED = 3  # most bodies for which all combinations of released bodies are tried; each needs a factorisation of k
+COMBINED = 3  # largest number of bodies of which all combinations are released; each needs a factorisation of k
 
 
 class ReducedMap(NamedTuple):
-    """Map of some contacts of a packing, and the resulting velocities of all coordinates."""
+    """Map g of some contacts of a packing, and the resulting velocities of all coordinates."""
 
     apex: Apex
     free: np.ndarray  # (n,) velocities if all these contacts stick
     reach: np.ndarray  # (n, dE) velocities per unit force of each contact on its first body
 
     def velocities(self, solution: StatusSolution) -> np.ndarray:
-        """(n,) velocities of all coordinates."""
+        """Return the velocities (n,) of all coordinates."""
         return self.free - self.reach @ force_change(self.apex, solution).ravel()
 
 
@@ -80,7 +80,7 @@ def reduce_to_contacts(
     ----------
     load : (n,) rate of the external load on the free coordinates [force/time]
     contacts : (E,) indices of the contacts that may change their status; all others stick
-    sign : (E,) sgn D_t of those that carry a force at the Coulomb limit, 0 for those at the apex
+    sign : (E,) sgn D_t of contacts that carry a force at the Coulomb limit, 0 for contacts at the apex
     without : coordinates that are held fixed
     alone : (M,) bool, contacts of disks whose contacts are all at the apex
 
@@ -117,23 +117,23 @@ class ApexStatuses(NamedTuple):
 
     @property
     def opens(self) -> np.ndarray:
-        """(M,) mask of contacts that open."""
+        """Mask (M,) of the contacts that open."""
         return self.status == OPENS
 
     @property
     def side(self) -> np.ndarray:
-        """(M,) sgn D_t of sliding contacts, 0 elsewhere."""
+        """Sign (M,) of D_t at sliding contacts, 0 at all others."""
         return SIDE[self.status]
 
 
 class _Search(NamedTuple):
-    """Problem of `decide_statuses`."""
+    """Input of `decide_statuses`, with the contacts of each body."""
 
     matrix: LinearSystem
     load: np.ndarray
     apex: np.ndarray  # (M,) bool
     geometric: bool
-    ours: np.ndarray  # (B, M) bool: contacts of each grain, or of grains that beams join, in the row of the first
+    ours: np.ndarray  # (B, M) bool: contacts of each grain; grains that beams join share the row of the first
     alone: np.ndarray  # (M,) bool: contacts of grains whose contacts are all at the apex
     any_motion: bool = False  # whether bodies are released if any motion opens their contacts, not just the smallest
 
@@ -144,7 +144,7 @@ def decide_statuses(
     """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
     Grains whose contacts are all at the apex may be released as bodies. For up to three such grains, all combinations
-    of released and load-carrying ones are tried. For more than three, all are released first; those that are dragged
+    of released and load-carrying grains are tried. For more than three, all are released first; those that are dragged
     along then carry load. Stable combinations come first, led by the one that releases the most bodies, or the fewest
     if some have just been `wedged`. If no combination is found, bodies that would be dragged along are released if they
     can escape at all, unless they have just been `wedged` and so cannot escape.
@@ -169,7 +169,7 @@ def decide_statuses(
 
 
 def _open_all(search: _Search) -> ApexStatuses | None:
-    """Statuses with which all contacts of spheres at the apex open, or None if these are not consistent.
+    """Return the statuses in which all contacts of spheres at the apex open, or None if they are not consistent.
 
     A sphere left with two other contacts may roll about the line through both, which can open its contacts at the apex.
     """
@@ -196,7 +196,7 @@ def _open_all(search: _Search) -> ApexStatuses | None:
 
 
 def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
-    """Statuses for all sets of released bodies, largest sets first, and whether the list is complete."""
+    """Return statuses for all sets of released bodies, largest sets first, and True if the list is complete."""
     choices, complete = [], True
     for size in range(len(lone), -1, -1):
         for group in itertools.combinations(lone, size):
@@ -206,7 +206,7 @@ def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
 
 
 def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
-    """Combinations that release all bodies except those that others would drag along; others may exist."""
+    """Find combinations that release all bodies except those that would be dragged along; there may be more."""
     while True:
         good, caught, _ = _choices_with_released(search, released)
         if good or not len(released):
@@ -215,10 +215,10 @@ def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
 
 
 def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
-    """Consistent (statuses, V, stable, motion) with released bodies, those that stay caught, and whether all are found.
+    """Find consistent (statuses, V, stable, motion) with given bodies released.
 
-    A body may be dragged along by its smallest motion although another motion would release it; in that case, not all
-    combinations were found.
+    The other results are the bodies that stay caught, and True if all combinations were found. Others may exist if a
+    body is dragged along by its smallest motion, because another motion might release it.
     """
     matrix, ours = search.matrix, search.ours
     gone = ours[released].any(axis=0)
@@ -247,7 +247,7 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
 
 
 def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], bool]:
-    """Consistent statuses, each with its stability, and whether the list is complete."""
+    """Return the consistent statuses, each with its stability, and True if the list is complete."""
     if apex.velocity.shape[1] == 3:
         solution, sign = status_on_round_cones(apex)
         return [(solution, sign > 0)] if sign else [], False
@@ -265,7 +265,7 @@ def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], boo
 
 
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
-    """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies.
+    """Return the mask (B, M) of the contacts of each grain that is free to rotate; rows of other bodies are empty.
 
     Grains that beams join share the row of the first of them, which is empty unless all are free to rotate.
     """
@@ -286,7 +286,7 @@ def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
 def _dragged_bodies(
     search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Released bodies (B,) that close a contact even if they follow their neighbours, and this motion (n,)."""
+    """Return a mask (B,) of released bodies that close contacts even if they follow neighbours, and the motion (n,)."""
     matrix, ours, motion = search.matrix, search.ours, velocity.copy()
     if not len(loose):
         return np.zeros(len(ours), bool), motion
@@ -309,7 +309,7 @@ def _dragged_bodies(
 
 
 def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
-    """Return True if only contacts resist rigid motions of a grain together with those that beams join to it."""
+    """Return True if only contacts resist rigid motions of a grain and the grains that beams join to it."""
     if matrix.unit is None:
         return True
     contacts = np.flatnonzero(_owners(matrix) == body)
@@ -317,13 +317,13 @@ def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
 
 
 def _owners(matrix: LinearSystem) -> np.ndarray:
-    """(n,) body of each coordinate; for bodies that beams join, the first of them."""
+    """Return the body of each coordinate (n,); bodies that beams join are represented by the first of them."""
     body = matrix.free.body
     return body if matrix.unit is None else np.append(matrix.unit, len(matrix.unit))[body]
 
 
 def _rigid_motions(matrix: LinearSystem, loose: np.ndarray):
-    """(L, K) sparse basis of the motions of some coordinates that deform no bond."""
+    """Return a sparse basis (L, K) of the motions of the coordinates `loose` that deform no bond."""
     if matrix.unit is None:
         return sparse.eye_array(len(loose), format="csr")
     resisted, moves = np.linalg.eigh(matrix.machine[loose][:, loose].toarray())
@@ -341,7 +341,7 @@ def contact_status(
     together, which nearly always converges after a few rounds. If this cycles, principal pivoting flips one contact at
     a time (if A may be a P-matrix), and then Lemke's algorithm is used. Every status found is verified contact by
     contact with a factor of k(S) itself. For up to 14 critical contacts, all statuses are enumerated unless A is a
-    P-matrix: those with det k > 0 come first, and the absence of a status is proven. If many statuses are singular,
+    P-matrix. Those with det k > 0 come first; if no status exists, this is proven. If many statuses are singular,
     solutions may exist within the error bounds although none balances the load under k(S) itself: then there is no
     proof, and the verdict is NOT_FOUND. For more contacts, a proof of absence needs a Farkas certificate.
 
@@ -370,7 +370,7 @@ def contact_status(
         )  # fmt: skip
     if matrix.rigid is not None:
         raise ValueError(
-            "rigid bonds and contacts without force exclude each other, as it is not decided which open: use "
+            "rigid bonds and contacts without force exclude each other, as it is not decided which contacts open: use "
             "linear_system(..., bonds='elastic')"
         )
     mask = np.isin(np.arange(matrix.count), numbers)
@@ -378,7 +378,7 @@ def contact_status(
 
 
 def _status_at_apex(matrix: LinearSystem, load: np.ndarray, apex: np.ndarray, geometric: bool) -> ContactStatus:
-    """Verified status with contacts at the apex, (M,) bool, or NOT_FOUND."""
+    """Return a verified status with contacts at the apex, (M,) bool, or the verdict NOT_FOUND."""
     critical = np.flatnonzero(apex | matrix.limit)
     choice = decide_statuses(matrix, load, apex, geometric=geometric)
     if choice.status is None or not is_balanced(matrix, load, choice, geometric):
@@ -399,12 +399,12 @@ def _status_at_apex(matrix: LinearSystem, load: np.ndarray, apex: np.ndarray, ge
 
 
 def _relative_velocities(matrix: LinearSystem, motion: np.ndarray) -> np.ndarray:
-    """(M, d) V of all contacts."""
+    """Return the relative velocities V (M, d) of all contacts."""
     return (matrix.c.T @ motion).reshape(-1, matrix.width)
 
 
 def is_balanced(matrix: LinearSystem, load: np.ndarray, choice: ApexStatuses, geometric: bool) -> bool:
-    """Return True if the law gives force rates at the velocities that balance the load, with these statuses."""
+    """Return True if, with these statuses and velocities, the force rates that the law gives balance the load."""
     velocity = _relative_velocities(matrix, choice.motion)
     special = np.flatnonzero(choice.apex | matrix.limit)
     part = Apex(
@@ -433,7 +433,7 @@ class Probed(NamedTuple):
 
 @checked
 def probe_statuses(state: State, law: Law, stresses: Numbers, *, unique: bool | None = True) -> tuple[Probed, ...]:
-    """Find the contact status under each of several rates of stress of a periodic cell.
+    """Find the contact status of a periodic packing for each of several stress rates.
 
     In 30 disks and 60 spheres with sliding contacts, small increments of stress, as in `protocols.response_envelope`,
     made the same contacts slide, and strains agreed to within 1.5e-4 of the largest strain
@@ -482,7 +482,7 @@ SOLVE = 1e-9, "one sparse or dense solve"
 
 
 def selfchecks() -> dict[str, Selfcheck]:
-    """Status of four critical contacts in a row of disks, given their slip (McNamara & Herrmann 2006)."""
+    """Check the status of four critical contacts in a row of disks with given slip (McNamara & Herrmann 2006)."""
     law = for_pair(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
     state = disk_array(5, press=1e-3, gap=-1e-3)
     lifted = state.grains.position - [0, 1e-3, 0]

@@ -1,4 +1,4 @@
-"""Collapse at the end of a load path: damped dynamics under the load reached, to the next equilibrium.
+"""Collapse at the end of a load path: damped dynamics under the final load until the next equilibrium.
 
 Where no stable equilibrium continues the path, the load is raised slightly and then held while the packing moves under
 a given drag. A dead load is constant. A body pulled by a spring moves relative to a fixed load point, so a stiff
@@ -36,13 +36,13 @@ TIME_STEP = 0.1  # time step of dynamics, in units of the longest stable one, as
 RAMP, GENTLY = 25, 200  # number of stages in which the load is raised, and steps per stage
 BLOCK, SAMPLE = 5000, 25  # steps between checks of the packing, and between samples of its energy
 DURATION, TRAVEL = 1e5, 5.0  # default limits of time, in natural units, and of displacement, in mean diameters
-RESTING = (1e-6, 1e-8)  # residuals over the mean normal force at which Newton's method is tried
+RESTING = (1e-6, 1e-8)  # residuals, over the mean normal force, at which Newton's method is tried
 BALANCED = 5e-11  # tolerance of Newton's method, over the mean normal force
 ROUND_OFF = 1e-15  # round-off of a stiff spring's force, over its force at an elongation as long as the packing
-FAR = 1e3  # largest motion due to Newton's method, over the overlap that changes a force by the residual
+FAR = 1e3  # largest motion allowed in Newton's method, over the motion that changes a contact force by the residual
 NULL = 1e-9  # fraction of the largest stiffness below which an eigenvalue belongs to an unresisted motion
 RANK = 1e-8  # singular value below which modes are parallel
-DENSE_BELOW, NEAREST = 1200, 12  # most coordinates for which all modes are computed, and number computed beyond
+DENSE_BELOW, NEAREST = 1200, 12  # number of coordinates below which all modes are computed; number of modes otherwise
 
 
 @readable(
@@ -57,13 +57,13 @@ class Collapse(NamedTuple):
     load: float  # load at which the path ended, in legs
     reason: str  # reason for the end of the path
     held: float  # load during the motion, slightly higher, in legs
-    quiet: bool  # True if the motion is no larger than before such a change of load, so there was no collapse
+    quiet: bool  # True if there was no collapse: such a change of load caused as large a motion before
     rests: bool  # True if an equilibrium was found; otherwise numbers describe the state where dynamics ended
     duration: float  # [time]
     steps: int  # number of steps of dynamics
-    largest: float  # displacement of a grain, relative to the deformation of the cell [length]
-    total: float  # root of the sum of squares of these displacements [length]
-    motion: float  # motion along the load over all coordinates: of the loaded wall, or ℓ times the strain [length]
+    largest: float  # largest displacement of a grain, relative to the deformation of the cell [length]
+    total: float  # root of the sum of squared displacements of the grains [length]
+    motion: float  # motion along the load, for example of the loaded wall, or ℓ times the strain [length]
     strain: np.ndarray  # (3, 3) change of the displacement gradient of the cell
     work: float  # work of the loads and springs during the motion [energy]
     released: float  # work less the change in stored energy, which is dissipated [energy]
@@ -71,10 +71,10 @@ class Collapse(NamedTuple):
     direction: np.ndarray  # (n,) displacement, normalised to unit length, zero for rattlers
     participation: float  # participation of the displacement, (Σ u²)²/(N Σ u⁴) over grains, from 1/N to 1
     eigenvalue: float  # smallest real part of the eigenvalues of k where the path ended [force/length]
-    modes: int  # number of unresisted modes there, or 1 for the softest mode
-    overlap: float  # overlap of the direction with these modes: length of its projection on their span
+    modes: int  # number of unresisted modes where the path ended, or 1 for the softest mode
+    overlap: float  # overlap of `direction` with the modes: length of its projection on their span
     lost: int  # number of contacts lost between grains that were not rattlers
-    gained: int  # number of such contacts gained
+    gained: int  # number of contacts gained between such grains
     sliding: tuple[int, int]  # number of contacts at the Coulomb limit before and after
 
 
@@ -90,12 +90,12 @@ class Motion(NamedTuple):
 
 
 class _Dynamics:
-    """State that moves under drag, with the measurements so far."""
+    """State that moves under drag, and the quantities measured so far."""
 
     def __init__(self, state: State, law: Law, drag: float):
         self.start, self.law, self.drag, self.held = state, law, drag, _held_bodies(state)
         limit = stable_time_step(state, law)
-        limit = limit if np.isfinite(limit) else natural_scales(state, law).time  # nothing touches
+        limit = limit if np.isfinite(limit) else natural_scales(state, law).time  # without contacts
         self.state, self.dt = _still(state), TIME_STEP * limit
         self.steps, self.energy, self.work = 0, 0.0, 0.0
 
@@ -115,14 +115,14 @@ class _Dynamics:
         return float(np.linalg.norm(displacements(self.start, self.state)[self.held, :3], axis=1).max(initial=0.0))
 
     def motion(self, state: State, rests: bool) -> Motion:
-        """Result of the run."""
+        """Return the result of the run."""
         return Motion(state, rests, self.steps, self.steps * self.dt, self.energy, self.work)
 
 
 def run_to_rest(
     state: State, law: Law, control: Control, drag: float, duration: float | None = None, travel: float | None = None
 ) -> Motion:
-    """Damped dynamics under a control until the packing is at rest, or a limit of time or displacement is exceeded.
+    """Run damped dynamics under a control until the packing is at rest or exceeds a limit of time or displacement.
 
     Loads change to those of the control so slowly that a stiff spring causes no jolt. Newton's method only removes the
     remaining unbalanced forces.
@@ -165,7 +165,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
     before : state at the end of the path
     pull : (n,) rate of the load on the coordinates of `freedom(before)`, up to a factor
     predicted : displacement below which the motion does not count as a collapse [length]
-    known : values of load, reason and held
+    known : the fields `load`, `reason` and `held` of the result
     """
     after, free, loose = motion.state, freedom(before), loose_grains(before, loaded=False)
     strain = _strain(before, after)
@@ -191,7 +191,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
 
 
 def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray, int]:
-    """Smallest real part of the eigenvalues of k(S), and its unresisted modes or, without any, the softest mode.
+    """Return the smallest real part of the eigenvalues of k(S), and the unresisted modes or, if none, the softest mode.
 
     In S, all contacts at the limit slide, and those without force are open.
 
@@ -222,7 +222,7 @@ def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray,
 
 
 def stored_energy(state: State, law: Law) -> float:
-    """Energy of bonds and of the normal and tangential springs of a law that is linear in the overlap [energy]."""
+    """Return the energy of bonds and of the contact springs of a law that is linear in the overlap [energy]."""
     rows = touching(state)
     push, normal = contact_forces(state._replace(bonds=None), law)[rows], gaps(state, rows)[0]
     along = push - np.einsum("ck,ck->c", push, normal)[:, None] * normal
@@ -260,7 +260,7 @@ def displacements(before: State, after: State) -> np.ndarray:
 
 
 def without_drift(state: State, moved: np.ndarray) -> np.ndarray:
-    """Displacements (B, 6), zero for rattlers, and without the mean of other bodies along unsupported axes."""
+    """Return displacements (B, 6): zero for rattlers; along unsupported axes, the mean of other bodies is removed."""
     held = _held_bodies(state)
     moved = moved * held[:, None]
     if not len(state.walls.mass) and held.any():
@@ -270,22 +270,22 @@ def without_drift(state: State, moved: np.ndarray) -> np.ndarray:
 
 
 def _strain(before: State, after: State) -> np.ndarray:
-    """Displacement gradient of the cell between two states (3, 3)."""
+    """Return the displacement gradient (3, 3) of the cell between two states."""
     return np.linalg.solve(before.cell.vectors, after.cell.vectors).T - np.eye(3)
 
 
 def _held_bodies(state: State) -> np.ndarray:
-    """Mask of walls and of grains that are not rattlers (B,)."""
+    """Return the mask (B,) of walls and of grains that are not rattlers."""
     return np.append(~loose_grains(state, loaded=False), np.ones(len(state.walls.mass), bool))
 
 
 def _loaded_contacts(state: State) -> dict[int, bool]:
-    """Keys of the contacts between bodies that are not rattlers, and a mask of those that slide."""
+    """Return, for the key of each contact between bodies that are not rattlers, whether it slides."""
     rows, held, contacts = touching(state), _held_bodies(state), state.contacts
     rows = rows[held[contacts.i[rows]] & held[contacts.j[rows]]]
     return dict(zip(contacts.key[rows].tolist(), (contacts.mode[rows] == SLIDE).tolist(), strict=True))
 
 
 def _still(state: State) -> State:
-    """State without velocities."""
+    """Return the state at rest, without velocities."""
     return resting(state)._replace(instant=None)

@@ -1,4 +1,4 @@
-"""Complementarity problem of the critical contacts: data with round-off bounds, two solvers, and enumeration.
+"""Complementarity problem of critical contacts, those at the Coulomb limit: error bounds, two solvers, enumeration.
 
     w = A λ + q ≥ 0,   λ ≥ 0,   wᵀ λ = 0,      A = 1 − Gᵀ k₀⁻¹ H,   q = −Gᵀ k₀⁻¹ b.
 
@@ -38,7 +38,7 @@ class Complementarity(NamedTuple):
     matrix: np.ndarray  # (Mc, Mc) A
     vector: np.ndarray  # (Mc,) q
     matrix_error: float = 0.0  # error of entries of A beyond their round-off, such as the error of solving with k₀
-    vector_error: float = 0.0  # likewise for q
+    vector_error: float = 0.0  # error of entries of q beyond their round-off
 
 
 class ScaledProblem(NamedTuple):
@@ -52,7 +52,7 @@ class ScaledProblem(NamedTuple):
     gap_unit: np.ndarray  # (Mc,) unit of w
 
     def submatrix(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A_SS with its error bounds."""
+        """Return A_SS, the rows and columns of A of the chosen contacts, with its error bounds."""
         box = np.ix_(chosen, chosen)
         return self.matrix[box], self.error[box]
 
@@ -79,7 +79,7 @@ def complementarity(
 
 
 def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
-    """Indices of the critical contacts, from indices or from a mask of all contacts."""
+    """Return the indices of the critical contacts, given as indices or as a mask; default: contacts at the limit."""
     if critical is None:
         return np.flatnonzero(matrix.limit)
     critical = np.asarray(critical)
@@ -99,7 +99,7 @@ def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
 
 
 def complementarity_of_system(system: StatusSolver) -> Complementarity:
-    """A and q with errors, estimated by one refinement step for two columns and for the load."""
+    """Return A and q with their errors, estimated by one step of refinement for two columns and for the load."""
     size = len(system.critical)
     stuck = np.zeros(size, bool)
     system.factorise(stuck)
@@ -148,7 +148,7 @@ def sign_slack(rate: np.ndarray, slack=0.0):
 
 
 def inconsistent(slides: np.ndarray, rate: np.ndarray, slack=0.0) -> np.ndarray:
-    """Mask of contacts with an inconsistent status; a rate near zero is consistent with either status."""
+    """Return the mask of contacts with an inconsistent status; a rate near zero is consistent with either status."""
     slack = sign_slack(rate, slack)
     return np.where(slides, rate < -slack, rate > slack)
 
@@ -177,7 +177,7 @@ def principal_pivoting(problem: Complementarity) -> tuple[np.ndarray | None, int
 
 
 def _rates_of_status(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None:
-    """Ṽ of all critical contacts for a status, or None if the status is singular."""
+    """Return the rates Ṽ (λ or −w) of all critical contacts for a status, or None if the status is singular."""
     slip = np.zeros(len(slides))
     if slides.any():
         try:
@@ -226,13 +226,13 @@ def lemke(problem: Complementarity) -> np.ndarray | None:
 
 MAPPED = 14  # largest number of contacts for enumeration of all statuses (16,384)
 AT_ONCE = 2048  # statuses solved together; more would not fit into the cache
-SURE = 0.1  # largest error of the entries of A_SS over the error that would make A_SS singular
+SURE = 0.1  # largest ratio of the errors of A_SS to errors that would make it singular
 SAME = 1e-6  # fraction of the largest rate within which two solutions count as equal: half of the digits
 BLUR = 10.0  # factor on the error bounds for null vectors and quantities derived from them
 
 
 class AllStatusRates(NamedTuple):
-    """Rates of every status, in the order of its bits and in the units of `ScaledProblem`."""
+    """Rates for every status, ordered by the bits of the status, in the units of `ScaledProblem`."""
 
     slides: np.ndarray  # (2^Mc, Mc) bool
     rate: np.ndarray  # (2^Mc, Mc) Ṽ: λ of sliding contacts, −w of the others
@@ -258,7 +258,7 @@ class Solution(NamedTuple):
 
 
 class Ray(NamedTuple):
-    """Slip rates x ≥ 0 of a singular status without load: A_SS x = 0, while no contact leaves the cone."""
+    """Slip rates x ≥ 0 of a singular status that require no load: A_SS x = 0, and no contact leaves the cone."""
 
     slides: np.ndarray  # (Mc,) bool
     slip: np.ndarray  # (Mc,) x
@@ -288,7 +288,7 @@ def enumerate_rates(problem: ScaledProblem) -> AllStatusRates:
 
 
 def _solve_statuses(problem: ScaledProblem, slides: np.ndarray, k: int):
-    """Ṽ with error bounds, and sign and value of the minor, for statuses with k sliding contacts."""
+    """Return Ṽ with error bounds, and sign and value of the minor, for statuses with k sliding contacts."""
     chosen = np.nonzero(slides)[1].reshape(len(slides), k)
     square = (chosen[:, :, None], chosen[:, None, :])
     a, error, q = problem.matrix[square], problem.error[square], problem.vector[chosen]
@@ -363,13 +363,13 @@ def _solution_in_units(problem: ScaledProblem, end: Solution) -> Solution:
 
 
 class SolutionFace(NamedTuple):
-    """Quantities `at` + `turn` t ≥ 0 on the null space of a singular status: λ of sliding contacts, w of others."""
+    """Solutions `at` + `turn` t ≥ 0 of a singular status: λ of sliding contacts and w of the others."""
 
     slides: np.ndarray  # (Mc,) bool
     at: np.ndarray  # (Mc,)
     turn: np.ndarray  # (Mc, d)
     left: np.ndarray  # (k, d) left null vectors of A_SS
-    missed: np.ndarray  # (d,) their products with q; if nonzero, no slip rates balance the load
+    missed: np.ndarray  # (d,) products of left null vectors with q; if nonzero, no slip rates balance the load
     at_error: np.ndarray  # (Mc,) error bounds of `at`, of `turn` and of `missed`
     turn_error: np.ndarray
     missed_error: np.ndarray
@@ -418,7 +418,7 @@ def _face_ends(face: SolutionFace) -> list[Solution]:
 
 
 def _interval_ends(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[np.ndarray]:
-    """Both ends of {t: at + turn t ≥ 0}; empty if there is no solution even with at + slack."""
+    """Return both ends of the interval {t: at + turn t ≥ 0}; no ends if it is empty even with `slack` added to `at`."""
     bound, give, rising = -at / turn, slack / np.abs(turn), turn > 0
     if np.max((bound - give)[rising], initial=-np.inf) > np.min((bound + give)[~rising], initial=np.inf):
         return []
@@ -429,7 +429,7 @@ def _interval_ends(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[
 
 
 def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
-    """Nonnegative slip rates of the null space for which no contact leaves the cone."""
+    """Find nonnegative slip rates in the null space for which no contact leaves the cone."""
     turn, slides = face.turn, face.slides
     if turn.shape[1] == 1:
         ways = [np.array([1.0]), np.array([-1.0])]
@@ -451,7 +451,7 @@ def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
 
 @readable
 class StatusMap(NamedTuple):
-    """Map C: S ↦ C(S). Bits of S mark critical contacts that slide; bits of C(S) mark consistent ones."""
+    """Map C from a status S to C(S). Bits of S mark critical contacts that slide; bits of C(S) mark consistent ones."""
 
     image: np.ndarray  # (2^Mc,) C(S) for S = 0 … 2^Mc − 1; −1 where k(S) is singular
 
@@ -462,13 +462,13 @@ class StatusMap(NamedTuple):
 
     @property
     def consistent(self) -> np.ndarray:
-        """All globally consistent statuses."""
+        """Statuses in which every contact is consistent."""
         return np.flatnonzero(self.image == len(self.image) - 1)
 
 
 @checked
 def status_map(problem: Complementarity) -> StatusMap:
-    """Compute the map of the paper's Eq. 5 for all statuses, for at most 14 critical contacts."""
+    """Compute the map of Eq. 5 of McNamara and Herrmann for all statuses of at most 14 critical contacts."""
     size = len(problem.vector)
     if size > MAPPED:
         raise ValueError(

@@ -1,6 +1,6 @@
 """Contacts that open and close: the four statuses at the apex of the Coulomb cone, as one piecewise-linear map.
 
-A contact without force responds to the relative velocity V of its bodies in one of four ways. The cells of V are
+A contact without force responds to the relative velocity V of its bodies in one of four ways. The four cells of V are
 disjoint and cover the plane; the force rate −K S V is continuous across their boundaries:
 
     opens            V_n > 0                              S = 0
@@ -49,7 +49,7 @@ class Apex(NamedTuple):
     springs: np.ndarray  # (E, d, d) K [force/length]
     slope: np.ndarray  # (E,) m
     sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where all four statuses are possible
-    alone: np.ndarray  # (E,) bool, contacts of disks that have no others, and lose support if all open or slide
+    alone: np.ndarray  # (E,) bool, contacts of disks with all contacts at the apex, free if all of them open or slide
 
     def check_entries(self) -> None:
         """Raise ValueError if an entry has a wrong type, shape or value."""
@@ -92,7 +92,7 @@ def stiffness_change(apex: Apex, status: np.ndarray, helped: bool = False) -> np
 
 
 def status_of_velocity(apex: Apex, velocity: np.ndarray, now: np.ndarray, slack: float = 0.0) -> np.ndarray:
-    """Status (E,) whose cell contains V; within `slack` of a boundary, the current status of the contact."""
+    """Return the status (E,) whose cell contains V or, within `slack` of a boundary, the current status."""
     normal, along = velocity.T
     forward, back = apex.slope * normal + along, apex.slope * normal - along
     touches = apex.sign == 0
@@ -146,7 +146,7 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
 
 
 def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
-    """Assign every contact the status of its cell until convergence; None if it is not reached."""
+    """Assign every contact the status of its cell until nothing changes; return None if there is no convergence."""
     seen = set()
     for _ in range(ROUNDS):
         if now.tobytes() in seen:
@@ -163,7 +163,7 @@ def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
 
 
 def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:
-    """V (E, 2) for given statuses, or None if their piece is singular."""
+    """Return the velocities V (E, 2) for given statuses, or None if their piece is singular."""
     out = solve_piece(piece_matrix(apex, status), apex.velocity.ravel())
     return None if out is None else out.reshape(-1, 2)
 
@@ -213,7 +213,7 @@ def _crossing_rate(bound, move: np.ndarray) -> float:
 
 
 def _next_crossing(apex: Apex, here: np.ndarray, move: np.ndarray, now: np.ndarray):
-    """Length of a move until the first contact leaves its cell; that contact, its new cell and the boundary."""
+    """Return how far a move goes before a contact leaves its cell, and that contact, its new cell and the boundary."""
     best, contact, to, crossed = np.inf, -1, STICKS, None
     slack = 1e-12 * np.abs(move).max(initial=0.0)
     for k, status in enumerate(now):
@@ -245,8 +245,8 @@ class AllStatuses(NamedTuple):
     status: np.ndarray  # (K, E)
     velocity: np.ndarray  # (K, E, 2)
     stable: np.ndarray  # (K,) bool, det k has the same sign as if all stick
-    coherent: bool  # det k has that sign for all combinations
-    decided: bool  # no combination with singular k can be consistent, so there are no others
+    coherent: bool  # True if det k has the same sign for all combinations
+    decided: bool  # True if no combination with singular k can be consistent, so there are no others
 
 
 def enumerate_statuses(apex: Apex) -> AllStatuses:
@@ -278,7 +278,7 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
 
 
 def _all_velocities(apex: Apex, status: np.ndarray):
-    """Matrices of pieces (K, 2E, 2E), signs of det k, mask of regular pieces, and their velocities V (K, E, 2)."""
+    """Return matrices of pieces (K, 2E, 2E), signs of det k, the mask of regular pieces, and velocities V (K, E, 2)."""
     matrix = piece_matrix(apex, status)
     sign = np.linalg.slogdet(matrix)[0]
     sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
@@ -302,7 +302,8 @@ def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     """Find all consistent statuses by enumeration, and test whether det k has the same sign for all combinations.
 
-    Combinations with the same velocities, which lie on a boundary of their cells, count once. The limit is 4096.
+    Combinations with the same velocities, which lie on a boundary of their cells, count once. At most 4096
+    combinations are enumerated.
 
     Returns
     -------
@@ -376,7 +377,7 @@ def _derivative(apex: Apex, by: np.ndarray) -> np.ndarray:
 
 
 def _newton_on_round_cones(apex: Apex, velocity: np.ndarray) -> np.ndarray | None:
-    """V with g(V) = V₀ by Newton's method, with shorter steps where the residual would not fall; None on failure."""
+    """Solve g(V) = V₀ by Newton's method, with shorter steps where the residual would not decrease; None on failure."""
 
     def rest(v: np.ndarray) -> np.ndarray:
         lost = np.einsum("eab,eb->ea", apex.springs, round_cone_stretch(apex, v)[0] - v)

@@ -25,16 +25,16 @@ from .matrices import contact_frames, joined_bodies
 from .status import ContactStatus
 
 NUDGE = 1e-12  # gap to which rattlers are pushed aside, and overlap of a new contact, over the radius
-ROUNDS = 30  # iterations of pushing, since directions change
-NEAR = 30.0  # gap over the deepest overlap, within which a pair may close while rattlers move
+ROUNDS = 30  # largest number of iterations of pushing, needed because directions change
+NEAR = 30.0  # ratio of gap to deepest overlap below which a pair may close while rattlers move
 BALANCED = 1e-8  # residual of a force balance, for forces of size 1
 ROTATIONS = {2: [2], 3: [0, 1, 2]}  # axes about which grains rotate
 TURNS = 2 * np.pi * np.arange(12) / 12
-EDGES = {2: np.array([[1.0], [-1.0]]), 3: np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1)}  # of the cone, over μ F_n
+EDGES = {2: np.array([[1.0], [-1.0]]), 3: np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1)}  # cone edges over μ F_n
 
 
 def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (C, 3) and gaps (C,) of pairs of the list; a negative gap is an overlap [length]."""
+    """Return normals (C, 3) and gaps (C,) of pairs in the contact list; a negative gap is an overlap [length]."""
     n, radius = len(state.grains.radius), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
     branch = branch_vectors(state)[rows]
     contacts, distance = state.contacts, np.linalg.norm(branch, axis=1)
@@ -103,7 +103,7 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
 
 
 def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(N, 3) positions in which caught rattlers follow the bodies that hold them, with the smallest slip."""
+    """Return positions (N, 3) in which caught rattlers follow the bodies that hold them, with the smallest slip."""
     contacts, count, dim = state.contacts, len(state.grains.radius), state.cell.dim
     i, j = contacts.i[rows], contacts.j[rows]
     normal = gaps(state, rows)[0]
@@ -130,7 +130,7 @@ def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np
 
 
 def _gap_directions(i, j, normal, number) -> np.ndarray:
-    """(C, dim L) derivatives of gaps with respect to positions of rattlers, or of those that beams join."""
+    """Return derivatives (C, dim L) of gaps with respect to positions of L rattlers, or of groups joined by beams."""
     dim = normal.shape[1]
     out = np.zeros((len(i), dim * (number.max() + 1)))
     for body, sign in ((i, 1.0), (j, -1.0)):
@@ -141,7 +141,7 @@ def _gap_directions(i, j, normal, number) -> np.ndarray:
 
 
 def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
-    """Smallest x with G x ≥ h, or None if there is none, and a mask of the active rows."""
+    """Return the smallest x with G x ≥ h, or None if there is none, and a mask of the active rows."""
     scale = np.abs(needed).max()
     system = np.vstack([directions.T, needed / scale])
     aim = np.zeros(len(system))
@@ -157,7 +157,7 @@ def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[
 def _wedging_contacts(state: State, i, j, frame, mu, unit, number) -> np.ndarray:
     """Indices of contacts that can hold rattlers by balanced forces within their cones; empty if none can.
 
-    In space, the cones are replaced by pyramids within them.
+    In three dimensions, the cones are replaced by pyramids within them.
     """
     if len(i) < 2:
         return np.zeros(0, int)
@@ -185,7 +185,7 @@ def _wedging_contacts(state: State, i, j, frame, mu, unit, number) -> np.ndarray
 
 
 def release_rattlers(state: State, loose: np.ndarray) -> State:
-    """State in which the contacts of rattlers, except those within bonded clusters, carry no force."""
+    """Remove the forces of contacts of rattlers, except those within bonded clusters; return the state."""
     body = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
     contacts, count = state.contacts, int(state.contacts.count[0])
     unit, (i, j) = joined_bodies(state), (contacts.i[:count], contacts.j[:count])
@@ -193,7 +193,7 @@ def release_rattlers(state: State, loose: np.ndarray) -> State:
 
 
 def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
-    """State with the mode of some contacts set, their slip removed and their memory reset to the current positions."""
+    """Set the mode of some contacts, remove their slip, and reset their memory to the current positions."""
     contacts = state.contacts
     modes, slip, pair, roll = (a.copy() for a in (contacts.mode, contacts.slip, contacts.pair, contacts.roll))
     modes[rows], slip[rows] = mode, 0.0
@@ -205,10 +205,10 @@ def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
     return state._replace(contacts=contacts._replace(mode=modes, slip=slip, pair=pair, roll=roll))
 
 
-APEX = 1e-6  # normal force over its mean, at which a contact is at the apex of the cone
-NEAR_APEX = 1e-4  # normal force over its mean, below which a linear step reaches the apex to within APEX
-NEAR_CONE = 1e-5  # distance from the cone over the normal force, below which a linear step reaches the cone
-APPROACH = 0.9  # fraction of the distance to an event, which a linear step would miss, after which c is recomputed
+APEX = 1e-6  # ratio of normal force to its mean below which a contact is at the apex of the cone
+NEAR_APEX = 1e-4  # ratio of normal force to its mean below which a linear step reaches the apex to within APEX
+NEAR_CONE = 1e-5  # ratio of distance from the cone to normal force below which a linear step reaches the cone
+APPROACH = 0.9  # fraction of the distance to an event that a linear step would miss; c is recomputed there
 TOGETHER = 1e-9  # fraction of an increment within which events are simultaneous
 NEAR_BREAK = 1e-5  # margin of a bond, relative to its strength, below which a linear step breaks it
 REACHES, CLOSES, AT_APEX, NEARS, INCREMENT, BREAKS = (
@@ -235,8 +235,8 @@ class Fork(NamedTuple):
 
     load: float  # in legs of the load
     contacts: tuple[tuple[int, int], ...]  # bodies of the contacts whose statuses differ
-    taken: tuple[str, ...]  # status of each of them: "sticks", "slides", "slides back" or "opens"
-    others: tuple[tuple[str, ...], ...]  # the same for the other combinations
+    taken: tuple[str, ...]  # status of each of these contacts: "sticks", "slides", "slides back" or "opens"
+    others: tuple[tuple[str, ...], ...]  # statuses of these contacts in the other combinations
     forces: bool  # True if the force rates differ; False if only a motion is undetermined
 
 
@@ -269,7 +269,7 @@ def next_event(
 
 
 def _first_break(increment, moved: np.ndarray, velocity: np.ndarray, first: NextEvent) -> NextEvent:
-    """First bond whose load, which changes linearly, reaches its strength."""
+    """Find the first bond whose load, which changes linearly, reaches its strength."""
     state, free, loose = increment.state, increment.matrix.free, increment.loose
     held = state.bonds.intact & ~(loose[state.bonds.i] | loose[state.bonds.j])
     here, ahead = (
@@ -287,7 +287,7 @@ def _first_break(increment, moved: np.ndarray, velocity: np.ndarray, first: Next
 
 
 def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
-    """(M,) fractions of the increment after which sticking contacts reach the cone, on either side."""
+    """Return the fractions (M,) of the increment after which sticking contacts reach the cone, on either side."""
     m, reached = increment.matrix, np.full(len(force), np.inf)
     if m.width == 3:
         sticks = ~choice.sliding
@@ -307,7 +307,7 @@ def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
 
 
 def _shares_to_round_cone(mu: np.ndarray, force: np.ndarray, rate: np.ndarray, on: np.ndarray) -> np.ndarray:
-    """(C,) fractions after which |F_t| = μ F_n, the first positive root of a quadratic; infinite if there is none.
+    """Return the fractions (C,) after which |F_t| = μ F_n: the first positive root of a quadratic, or infinity.
 
     Contacts `on` the cone, (C,) bool, leave it first.
     """
@@ -325,7 +325,7 @@ def _shares_to_round_cone(mu: np.ndarray, force: np.ndarray, rate: np.ndarray, o
 
 
 def _first_on_cone(increment, force, reached, first: NextEvent) -> NextEvent:
-    """First contact that reaches the cone, if it does so before the end found so far."""
+    """Find the first contact that reaches the cone, if it does so before the end found so far."""
     m, soonest = increment.matrix, reached.min(initial=np.inf)
     # the force on a disk with two contacts turns with the line between them, which a linear step predicts poorly
     far = m.mu * force[:, 0] - np.linalg.norm(force[:, 1:], axis=1) > NEAR_CONE * force[:, 0]
@@ -338,7 +338,7 @@ def _first_on_cone(increment, force, reached, first: NextEvent) -> NextEvent:
 
 
 def _first_on_apex(increment, force, rate, first: NextEvent, left: float) -> NextEvent:
-    """First contact whose force vanishes."""
+    """Find the first contact whose force vanishes, if it does so before the end found so far."""
     falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
     time = np.where(falls, np.maximum(force[:, 0], 0.0) / np.where(falls, -rate[:, 0], 1.0), np.inf)
     soonest = time.min(initial=np.inf)
@@ -358,7 +358,7 @@ def _first_on_apex(increment, force, rate, first: NextEvent, left: float) -> Nex
 
 
 def with_partners(increment, contacts: np.ndarray) -> np.ndarray:
-    """Given contacts plus the other contact of each disk that has two, since both reach the apex together."""
+    """Add to the given contacts the other contact of each disk that has two, since both reach the apex together."""
     chosen = np.zeros(increment.matrix.count, bool)
     chosen[contacts] = True
     while True:
@@ -378,7 +378,7 @@ def open_pairs(state: State, loose: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def _first_closing(increment, choice: ContactStatus, first: NextEvent) -> NextEvent:
-    """First pair that closes."""
+    """Find the first pair that closes, if it does so before the end found so far."""
     state, rows = increment.state, increment.gap_rows
     moves = increment.matrix.free.spread(choice.velocity)[:, :3]
     normal, gap = gaps(state, rows)

@@ -41,24 +41,24 @@ from .status import ContactStatus, Verdict, status_of_critical
 from .system import RESIDUAL, external_force, lowest_eigenvalue, pinned_coordinates, regular_stiffness
 from .uniqueness import certificate
 
-AT_CONE = 1e-10  # round-off of the distance from the cone over the mean normal force, for condition numbers of k of 1e5
-BLURRED = 10.0  # force over the unbalanced force, below which disks with two contacts are not checked against the cone
+AT_CONE = 1e-10  # round-off of the distance from the cone over the mean normal force, at a condition number of k of 1e5
+BLURRED = 10.0  # ratio of force to unbalanced force below which disks with two contacts are not checked for the cone
 CROWD = 200  # number of events without progress in load after which a path ends; no observed avalanche was as large
-OUT_OF_BALANCE = 1e-4  # unbalanced over mean force beyond which increments are halved; event loads are as accurate
+OUT_OF_BALANCE = 1e-4  # ratio of unbalanced to mean force that halves increments; the accuracy of event loads
 BALANCED = 1e-10  # residual over the mean normal force after balancing; far below the force of a contact at the apex
 TOUCHES = 1e-7  # gap up to which a pair touches, as a force over the mean normal force; below the error due to APEX
-STRAYS = 1e-3  # estimated error of forces, over the mean normal force, beyond which an increment of spheres is halved
+STRAYS = 1e-3  # ratio of estimated force error to mean normal force beyond which an increment of spheres is halved
 BRACKET = 1e-3  # error of the load at which a sliding contact in 3D sticks again, as a fraction of an increment
 CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth of the residual
 LEAST = 0.01  # smallest force to which forces of a packing with bonds are compared, over the largest external force
-UNLOADED = 1e-9  # likewise over the force that stretches the stiffest contact or bond by a diameter, for round-off
+UNLOADED = 1e-9  # the same, over the force that stretches the stiffest contact or bond by a diameter, for round-off
 LOOK = 0.01  # fraction of a leg after which other statuses are searched for; c changes little within it
 NO_P_MATRIX = "the status is no longer unique for every load"
 NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
 
 
 class PathState(NamedTuple):
-    """State of a load path with the marks of its contacts."""
+    """State on a load path, with masks of its rattlers and of contacts near the apex."""
 
     state: State
     loose: np.ndarray  # (N,) bool: rattlers
@@ -66,8 +66,8 @@ class PathState(NamedTuple):
     fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status must be decided
     unique: bool  # whether the status was unique for every load when last tested
     looked: float  # load of the last test for uniqueness and for other statuses
-    wedged: bool = False  # whether a rattler has just been wedged here
-    breaking: bool = False  # whether the control still carries a part of the load of a broken bond
+    wedged: bool = False  # whether a rattler has just been wedged
+    breaking: bool = False  # whether forces of the control still replace a part of the load of a broken bond
 
 
 class Increment:
@@ -78,7 +78,7 @@ class Increment:
         self.begin, self.end, self.share = begin, end, share
         self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
         self.last, self.solve, self.missed, self.looked, self.ahead = None, None, 0.0, place.looked, None
-        self.broke = False  # whether the increment ended because a bond breaks
+        self.broke = False  # whether the increment ended because a bond broke
         self._set_state(place)
         if place.fresh.any():
             self._decide_at_apex(place)
@@ -91,7 +91,7 @@ class Increment:
         self.matrix = _increment_matrices(place, self.law)
         contacts, rows, n = self.state.contacts, self.matrix.rows, len(self.loose)
         self.ends = np.stack([contacts.i[rows], contacts.j[rows]], axis=1)
-        # both forces of a disk with two contacts lie along one line: it reaches the cone, or its apex, at both together
+        # both forces on a disk with two contacts lie along one line, so both reach the cone, or its apex, together
         self.has_two = np.bincount(self.ends.ravel(), minlength=self.state.n_bodies) == 2
         self.has_two[n:] = False
         if self.matrix.unit is not None:
@@ -139,7 +139,7 @@ class Increment:
         state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
         begins = np.flatnonzero(apex & (sides != 0))
         state = with_modes(state, m.rows[begins], SLIDE)
-        if m.width == 3:  # the memory keeps the direction, for any length
+        if m.width == 3:  # the memory keeps the direction of the slip; its length does not matter
             state.contacts.slip[m.rows[begins]] = (
                 NUDGE
                 * np.einsum("ma,mak->mk", choice.velocity[begins, 1:], m.frame[begins, 1:])
@@ -150,7 +150,7 @@ class Increment:
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
 
     def _with_touching_pairs(self, place: PathState) -> PathState:
-        """State in which parted pairs that still touch are at the apex again."""
+        """Put parted pairs that still touch back at the apex of the cone, and return the state."""
         contacts, loose = place.state.contacts, np.append(place.loose, np.zeros(len(place.state.walls.mass), bool))
         back = np.flatnonzero(place.parted & ~place.fresh)
         back = back[~(loose[contacts.i[back]] | loose[contacts.j[back]])]
@@ -186,7 +186,7 @@ class Increment:
             load = start + done * self.increment
             choice = self._choose_status(now, slides, load)
             if not choice.ok:
-                # at the apex of a round cone, statuses with one direction prove nothing
+                # at the apex of a round cone, statuses for a single direction of slip prove nothing
                 faint = m.width == 3 and (force[now.limit, 0] <= APEX * self.mean).any()
                 verdict = Verdict.NOT_FOUND if faint else choice.verdict
                 return self._finish(force, moved, slides, sign, (), done), done * self.increment, verdict
@@ -217,7 +217,7 @@ class Increment:
         return end, done * self.increment, Verdict.CONSISTENT
 
     def _choose_status(self, now: LinearSystem, slides: np.ndarray, load: float) -> ContactStatus:
-        """Status at a load, with a search for others after events and at intervals of LOOK."""
+        """Return the status at a load; others are searched for after events and at intervals of LOOK."""
         changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
         if not changed and load < self.looked + LOOK and (same := self._previous_status(now, slides)):
             return same
@@ -225,7 +225,7 @@ class Increment:
         return status_of_critical(now, self.load, start=slides, geometric=self.geometric)
 
     def _previous_status(self, now: LinearSystem, slides: np.ndarray) -> ContactStatus | None:
-        """Previous status if it is still consistent, otherwise None."""
+        """Return the previous status if it is still consistent, otherwise None."""
         try:
             self.solve = _make_solver(now, slides, self.geometric)
             velocity = self.solve(self.load)
@@ -239,7 +239,7 @@ class Increment:
         return ContactStatus(Verdict.CONSISTENT, slides, critical, velocity, rate, "as before", 1)
 
     def _at_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
-        """(M,) mask of sticking contacts with a force that are on the cone to round-off."""
+        """Return the mask (M,) of sticking contacts that carry a force and are on the cone to within round-off."""
         m = self.matrix
         margin = m.mu * force[:, 0] - np.linalg.norm(force[:, 1:], axis=1)
         blurred = force[:, 0] <= np.where(self.paired, self.faint, APEX * self.mean)
@@ -286,7 +286,7 @@ class Increment:
                 self.events[-1] = self.events[-1]._replace(load=load)
 
     def _finish(self, force, moved, slides, sign, contacts, done: float) -> PathState:
-        """State after the increment, with balance restored using the statuses of its last piece.
+        """Return the state after the increment, with balance restored under the statuses of its last piece.
 
         The rotation of contacts leaves unbalanced forces of second order. If left to the next increment, they would
         add to its load and determine the statuses where that load is small.
@@ -320,8 +320,8 @@ class Increment:
     def _compare_rates(self, place: PathState, slides: np.ndarray, done: float) -> None:
         """Estimate the error of a piece in three dimensions, where directions turn, from the rates at both ends.
 
-        The estimate is half the difference times the piece. If the slip of a contact has changed its sign, the piece is
-        halved until the load at which this happens is known to a fraction BRACKET of an increment.
+        The estimate is half their difference times the step. If the slip of a contact has changed its sign, the piece
+        is halved until the load at which this happens is known to a fraction BRACKET of an increment.
         """
         after, (step, rate) = _increment_matrices(place, self.law), self.ahead
         if not np.array_equal(place.state.contacts.key[after.rows], self.state.contacts.key[self.matrix.rows]):
@@ -341,7 +341,7 @@ class Increment:
             self.missed = max(self.missed, OUT_OF_BALANCE * (1 + done * self.increment))
 
     def _advance(self, force, moved, slides, sign, contacts, done: float) -> PathState:
-        """State after the increment: bodies moved, contact memory set from the path, contacts at the apex marked."""
+        """Return the state after the increment: move bodies, set the contact memory, and mark contacts at the apex."""
         m, before, solid = self.matrix, self.state, self.matrix.width == 3
         held = before.contacts.mode.copy()
         held[m.rows] = np.where(slides, SLIDE, STICK)
@@ -378,7 +378,7 @@ class Increment:
 
 
 def force_scale(state: State, law: Law, *loads: np.ndarray) -> float:
-    """Force to which others are compared: the mean normal force; with bonds, at least a share of the loads (n,)."""
+    """Return the reference force: the mean normal force or, with bonds, at least a fraction of the loads (n,)."""
     mean = mean_normal_force(state, law)
     if not state.bonds:
         return mean
@@ -388,7 +388,7 @@ def force_scale(state: State, law: Law, *loads: np.ndarray) -> float:
 
 
 def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
-    """(n,) unbalanced force of a state.
+    """Return the unbalanced force (n,) of a state.
 
     Excluded are forces on rattlers, which are moved aside, forces within clusters of rattlers, and forces of parted
     pairs with a small overlap.
@@ -404,7 +404,7 @@ def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
 
 
 def without_bonds_of(state: State, loose: np.ndarray) -> State:
-    """State in which the bonds of rattlers (N,) are broken: they carry no force, but rattlers have yet to move."""
+    """Return the state without the bonds of rattlers (N,), whose forces vanish only once the rattlers have moved."""
     if not state.bonds:
         return state
     intact = state.bonds.intact & ~(loose[state.bonds.i] | loose[state.bonds.j])
@@ -412,7 +412,7 @@ def without_bonds_of(state: State, loose: np.ndarray) -> State:
 
 
 def _statuses_from_side(side: np.ndarray) -> np.ndarray:
-    """Statuses, as in `cone_apex`, of contacts that carry a force: sgn D_t for sliding contacts, 0 for others."""
+    """Return statuses, as in `cone_apex`, of contacts with force from sgn D_t of sliding contacts, and 0 for others."""
     return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
 
 
@@ -434,7 +434,7 @@ def _make_solver(matrix: LinearSystem, slides, geometric: bool):
 
 
 def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
-    """Matrices of grains that support each other, including the springs of pairs about to touch."""
+    """Return the matrices of grains that support each other, including the springs of pairs about to touch."""
     state = place.state
     m = linear_system(state, law, rattlers=place.loose, bonds="elastic")
     kept = np.flatnonzero(~place.parted[m.rows])

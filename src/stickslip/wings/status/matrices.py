@@ -10,9 +10,9 @@ m = μ K_n/K_t for a linear law. A law whose tangential force depends on the ove
 = sgn D_t ∂φ/∂δ, and m = (μ K_n − ∂φ/∂δ)/K_t. The geometric stiffness −(dc/dt) F, due to the rotation of contacts, is
 small, of the order of the overlap over the radius.
 
-In three dimensions, t is along the slip and t′ = n × t across it: F and V have three components, D_t is the length of
-the slip, and its sign is 1. A contact slides along t only: across it, S is 1 and K is K_t, which turns the force. The
-geometric stiffness, which is the same for all statuses, is the part of the Jacobian beyond c K S cᵀ.
+In three dimensions, t is along the slip and t′ = n × t: F and V have three components, D_t is the length of the slip,
+and its sign is 1. A contact slides along t only; along t′, S is 1 and K is K_t, which turns the force. The geometric
+stiffness, which is the same for all statuses, is the part of the Jacobian beyond c K S cᵀ.
 
 Walls may rotate. Each then has one additional coordinate, its arm times its angle about its point. A disk at x_i and a
 wall with point p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i − p)·t. This point
@@ -80,7 +80,7 @@ class LinearSystem(NamedTuple):
     slope: np.ndarray  # (M,) m, the rate at which D_t of a sliding contact follows D_n
     sign: np.ndarray  # (M,) sgn D_t
     mu: np.ndarray  # (M,)
-    force: np.ndarray  # (M, d) on body i [force]
+    force: np.ndarray  # (M, d) force of each contact on its body i [force]
     limit: np.ndarray  # (M,) bool: currently at the Coulomb limit
     geometric: sparse.csr_array  # (n, n) geometric stiffness [force/length]
     machine: sparse.csr_array  # (n, n) stiffness of springs that pull bodies, and of bonds [force/length]
@@ -103,7 +103,7 @@ class LinearSystem(NamedTuple):
 
     @property
     def margin(self) -> np.ndarray:
-        """(M,) F̃ = μ F_n − |F_t| [force]."""
+        """Distance from the Coulomb cone (M,), F̃ = μ F_n − |F_t| [force]."""
         return self.mu * self.force[:, 0] - np.linalg.norm(self.force[:, 1:], axis=1)
 
 
@@ -115,10 +115,10 @@ def linear_system(
 ) -> LinearSystem:  # fmt: skip
     """Compute the matrices of an accepted state.
 
-    Intact bonds are constraints, or springs. A rigid bond neither stretches nor, if it has the stiffness for
-    it, shears, bends or twists: B v = 0 with the rates of these deformations. Grains joined by bonds that resist all
-    of these move as one, and contacts between them neither slide nor open. Under a load, velocities are those of
-    elastic bonds in the limit of infinite stiffness; forces that bonds carry turn with them.
+    Intact bonds are constraints or springs. A rigid bond does not stretch and, if it resists shear, bending or
+    twisting, does not deform in these ways either: B v = 0, where B v are the rates of these deformations. Grains
+    joined by bonds that resist all of them move as one, and contacts between them neither slide nor open. Under a load,
+    velocities are those of elastic bonds in the limit of infinite stiffness; forces of bonds turn with the bonds.
 
     Parameters
     ----------
@@ -132,8 +132,8 @@ def linear_system(
     Raises
     ------
     ValueError
-        For a smooth law, under which contacts neither slide nor stick; for rolling resistance; or if walls cannot
-        rotate.
+        If the law is smooth, so that contacts neither slide nor stick; if it has rolling resistance; or if `wall_arm`
+        is given but walls cannot rotate.
     """
     if law.coulomb == builtin.SMOOTH:
         raise ValueError(
@@ -192,7 +192,7 @@ def linear_system(
 
 
 def joined_bodies(state: State) -> np.ndarray:
-    """(B,) first of the bodies that intact beams join to each body."""
+    """Return, for each body (B,), the first of the bodies that intact beams join to it."""
     if not state.bonds:
         return np.arange(state.n_bodies)
     beams = np.flatnonzero(is_beam(state.bonds, state.cell.dim))
@@ -202,7 +202,7 @@ def joined_bodies(state: State) -> np.ndarray:
 
 
 def loose_grains(state: State, known: np.ndarray | None = None, *, loaded: bool = True) -> np.ndarray:
-    """(N,) bool: rattlers, which have fewer than two supports; grains that beams join count as one body.
+    """Return the mask (N,) of rattlers, which have fewer than two supports; grains that beams join count as one body.
 
     Grains that beams join around a periodic cell are not rattlers, and contacts with images of the same body count as
     supports. In a packing with bonds, grains that carry an external load count as supported unless `loaded`.
@@ -237,7 +237,7 @@ def loose_grains(state: State, known: np.ndarray | None = None, *, loaded: bool 
 
 
 def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
-    """Mask of contacts between two grains that beams hold together, (C,): they neither slide nor open.
+    """Return the mask (C,) of contacts between two grains that beams hold together; they neither slide nor open.
 
     A contact between periodic images of one cluster moves as the cluster rotates, unless beams around the cell prevent
     this: in the same direction or, if the cell is held, in enough directions that the cluster cannot rotate.
@@ -259,7 +259,7 @@ def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
 
 
 def _unwrapped(n: int, i: np.ndarray, j: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cluster of each of n bodies joined by bonds, and the image (n, 3) that places it next to the others."""
+    """Return the cluster of each of n bodies joined by bonds, and the image (n, 3) that puts it next to the others."""
     joined = sparse.coo_array((np.ones(len(i)), (i, j)), shape=(n, n))
     part = connected_components(joined, directed=False)[1]
     first = np.unique(part, return_index=True)[1]
@@ -277,7 +277,7 @@ def _unwrapped(n: int, i: np.ndarray, j: np.ndarray, image: np.ndarray) -> tuple
 
 
 def rigid_motions(state: State, free: Freedom) -> sparse.csr_array:
-    """(n, 6U) translations and rotations of U clusters of spheres that are joined by beams and held only by contacts.
+    """Return translations and rotations (n, 6U) of U clusters of spheres joined by beams and held only by contacts.
 
     Clusters around a periodic cell, which cannot rotate, are left out.
     """
@@ -300,7 +300,7 @@ def rigid_motions(state: State, free: Freedom) -> sparse.csr_array:
 
 
 def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:
-    """(K, n) rates of deformation of intact bonds: stretching and, if resisted, shear, bending and twisting.
+    """Return the rates (K, n) of deformation of intact bonds: stretching and, if resisted, shear, bending and twisting.
 
     Shear is the velocity of i relative to j at the point where the shear force acts (see `core/contacts/bonds.py`);
     rotations are multiplied by the bond's length, so all rates are velocities.
@@ -337,7 +337,7 @@ def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:
 
 
 def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarray) -> np.ndarray:
-    """(B,) mask of the grains to exclude; contacts in the rows `parted` do not support grains."""
+    """Return the mask (B,) of the grains to exclude; contacts in the rows `parted` do not support grains."""
     n, loose = len(state.grains.radius), np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):
         if np.shape(rattlers) != (n,):
@@ -353,7 +353,7 @@ def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarr
 
 
 def contact_frames(normal: np.ndarray, slip: np.ndarray, dim: int) -> np.ndarray:
-    """(C, dim, 3) axes n, t and t′: t is clockwise from n in a plane, and along the slip (C, 3) in three dimensions.
+    """Return axes n, t and t′ (C, dim, 3): t is clockwise from n in a plane, and along the slip in three dimensions.
 
     Without slip, t is perpendicular to the axis that is farthest from n.
     """
@@ -367,7 +367,7 @@ def contact_frames(normal: np.ndarray, slip: np.ndarray, dim: int) -> np.ndarray
 
 
 def _directions(rows, frame, count: int):
-    """(6 count, dM) sparse: (F, T/R) of a contact from its components."""
+    """Return the sparse matrix (6 count, dM) that gives (F, T/R) of each contact from its components."""
     m, width = frame.shape[:2]
     load = np.concatenate([frame, -np.cross(frame[:, :1], frame)], axis=2)
     if width == 2:
@@ -380,7 +380,7 @@ def _directions(rows, frame, count: int):
 
 
 def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: LinearSystem):
-    """(n, n) geometric stiffness: −J of sticking contacts without c K cᵀ."""
+    """Return the geometric stiffness (n, n): −J of sticking contacts minus c K cᵀ."""
     rows, kept, slip = matrix.rows, np.zeros(len(line.normal)), np.zeros_like(line.slip)
     if matrix.width == 2:
         return _geometric_stiffness_in_plane(state, line, matrix)
@@ -396,7 +396,7 @@ def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: Li
 
 
 def _geometric_stiffness_in_plane(state: State, line: Linearisation, matrix: LinearSystem):
-    """(n, n) geometric stiffness in two dimensions: (F_n t − F_t n)(t·dr)/|r|.
+    """Return the geometric stiffness (n, n) in two dimensions, from the force (F_n t − F_t n)(t·dr)/|r|.
 
     This form avoids the round-off of a difference, which could decide at a fork which path is taken.
     """
@@ -410,7 +410,7 @@ def _geometric_stiffness_in_plane(state: State, line: Linearisation, matrix: Lin
 
 
 def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
-    """(M, d, d) blocks S of every contact; `sliding` (M,) bool."""
+    """Return the blocks S (M, d, d) of all contacts; `sliding` is a mask (M,)."""
     out = np.tile(np.eye(matrix.width), (matrix.count, 1, 1))
     out[sliding, 1, 1] = 0.0
     out[sliding, 1, 0] = -(matrix.slope * matrix.sign)[sliding]
@@ -418,16 +418,16 @@ def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
 
 
 def block_diagonal(parts: np.ndarray):
-    """(dM, dM) sparse block-diagonal matrix of (M, d, d) parts."""
+    """Return the sparse block-diagonal matrix (dM, dM) of the blocks `parts` (M, d, d)."""
     m, width = parts.shape[:2]
     return sparse.bsr_array((parts, np.arange(m), np.arange(m + 1)), shape=(width * m, width * m))
 
 
 @checked
 def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, geometric: bool = True):
-    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness and that of the machine.
+    """Return the sparse k = c K S cᵀ (n, n), with df_ext/dt = k v, plus the geometric and the machine's stiffness.
 
-    It equals −J for these statuses.
+    For these statuses, it equals −J, with the Jacobian J of the forces.
 
     Parameters
     ----------
@@ -440,14 +440,14 @@ def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, ge
 
 
 def force_rates(matrix: LinearSystem, sliding: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """(M, d) dF/dt = −K S cᵀ v of all contacts; `sliding` (M,) bool, `velocity` (n,)."""
+    """Return the force rates dF/dt = −K S cᵀ v (M, d) of all contacts; `sliding` is a mask (M,), `velocity` is (n,)."""
     relative = (matrix.c.T @ velocity).reshape(-1, matrix.width)
     stretched = np.einsum("mab,mb->ma", statuses(matrix, sliding), relative)
     return -np.einsum("mab,mb->ma", matrix.springs, stretched)
 
 
 def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
-    """(M,) mask of sliding contacts: the given one, or contacts currently at the Coulomb limit."""
+    """Return the mask (M,) of sliding contacts: the given mask or, by default, contacts now at the Coulomb limit."""
     sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
     if sliding.shape != (matrix.count,):
         raise ValueError(
@@ -458,7 +458,7 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
 
 @checked
 def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
-    """(n, n) sparse c Γ cᵀ, the derivative of −f with respect to velocities; equal to −C for these statuses.
+    """Return the sparse c Γ cᵀ (n, n), the derivative of −f with respect to velocities; equal to −C for these statuses.
 
     A sliding contact has no dashpot along t; its tangential force is μ times the normal force, dashpot included.
     """

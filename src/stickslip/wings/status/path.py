@@ -48,14 +48,14 @@ from .status import Verdict
 from .system import driven_motions, external_force, lowest_eigenvalue, relax_clusters
 
 SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged rattlers then overlap by round-off
-SHRINKS = 0.9  # halving an increment continues while the ratio of imbalances after and before is at most this
-PROGRESS = 1e-5  # fraction of a leg; the load stalls if it rises by less in CROWD events and parts of increments
+SHRINKS = 0.9  # an increment is halved further only while each halving reduces the imbalance to this fraction
+PROGRESS = 1e-5  # fraction of a leg; the load stalls if CROWD events and parts of increments raise it by less
 RETURNS = "is wedged and carries load again"
 COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
-OFFSET = 1e-4  # fraction of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
+OFFSET = 1e-4  # fraction of a leg by which the load is raised to make a packing collapse; doubled if nothing moves
 JUMP = 10.0  # a motion larger than the previous one by this factor, for the same load change, is a collapse
-CRAWLS = 1e-4  # fraction of an increment; the path ends after CROWD parts without events that are shorter than this
-PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
+CRAWLS = 1e-4  # fraction of an increment; the path ends after CROWD parts shorter than this that have no event
+PARTED = 1e-9  # ratio of gap to radius beyond which contacts at the apex have parted; the uncertainty of positions
 ROUND_OFF = 1e-9  # relative round-off of the forces of a state in which a bond breaks
 REMOVAL = 0.25  # largest share of the load of a broken bond that is removed between two updates of the geometry
 AGAIN = 5  # number of times a disk must be wedged before its path counts as dependent on the increment
@@ -64,11 +64,11 @@ AGAIN = 5  # number of times a disk must be wedged before its path counts as dep
 class PathPoint(NamedTuple):
     """Point on a load path at the end of an increment."""
 
-    load: float  # in legs: 1.5 is the middle of the second one
+    load: float  # in legs: 1.5 is the middle of the second leg
     state: State
     sliding: int  # number of sliding contacts
     contacts: int  # number of contacts
-    residual: float  # unbalanced force over the mean normal force or, if this is larger, over `force_scale`
+    residual: float  # unbalanced force over the larger of the mean normal force and `force_scale`
 
 
 @readable
@@ -81,7 +81,7 @@ class LoadPath(NamedTuple):
     alternatives: tuple[Fork, ...]  # loads at which other statuses were consistent, too
     unchecked: int  # number of times that uniqueness could not be decided because too many contacts were critical
     law: Law
-    collapses: tuple[Collapse, ...] = ()  # collapses through which dynamics carried the packing, with `drag`
+    collapses: tuple[Collapse, ...] = ()  # collapses through which dynamics carried the packing, if `drag` was given
 
     @property
     def complete(self) -> bool:
@@ -117,7 +117,7 @@ class LoadPath(NamedTuple):
 
     @property
     def load(self) -> np.ndarray:
-        """(T,) loads of all points."""
+        """Loads (T,) of all points, in legs."""
         return np.array([p.load for p in self.points])
 
     @property
@@ -134,20 +134,20 @@ def load_path(
 ) -> LoadPath:  # fmt: skip
     """Follow a packing while its control changes linearly from one given control to the next.
 
-    The first leg begins at the control of the state. Loads are those of the given controls: absolute, not increments.
+    The first leg begins at the control of the state. The loads of the given controls are absolute, not increments.
     If no stable equilibrium continues the path, it ends or, if `drag` is given, damped dynamics under a constant load
-    leads to the next equilibrium, from which the path continues. Loads are dead; the load points of springs may move
-    instead, and a stiff spring drives a displacement (`with_machine`).
+    leads to the next equilibrium, from which the path continues. Forces are dead loads. To prescribe a displacement,
+    pull with a stiff spring whose load point moves (`with_machine`).
 
-    Bonds are elastic springs, `linear_system(..., bonds="elastic")`: a state stores their loads as deformations, and
-    rigid bonds would have none. A bond breaks where its load reaches its strength; the event states the mode of
-    failure. The path then passes its load on to other bonds, while the external load stays the same. Where no
-    equilibrium continues the path, it ends or, with `drag`, continues by dynamics. Steps of `equilibrate` and slow
-    dynamics of cemented boxes broke the same bonds (`tests/wings/status/test_cemented_path.py`).
+    Bonds are elastic springs, as in `linear_system(..., bonds="elastic")`: a state stores their loads as deformations,
+    which rigid bonds do not have. A bond breaks where its load reaches its strength; the event states the mode of
+    failure. Its load then passes to other bonds, while the external load stays the same. Where no equilibrium
+    continues the path, it ends or, with `drag`, continues by dynamics. In cemented boxes, steps of `equilibrate` and
+    slow dynamics broke the same bonds (`tests/wings/status/test_cemented_path.py`).
 
-    In slow dynamics with 200 load steps, the lid moved as along the path, to within 0.1 % (median) and 0.9 % (largest),
-    and the strains of sheared cells agreed to within 0.06 %, event by event, where only one status was consistent
-    (`tests/wings/status/test_path.py`).
+    In slow dynamics with 200 load steps, the motion of the lid agreed with the path to within 0.1 % (median) and 0.9 %
+    (largest), and the strains of sheared cells agreed to within 0.06 %, event by event, where only one status was
+    consistent (`tests/wings/status/test_path.py`).
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def load_path(
         within each leg
     increment : largest increment of load between two updates of the geometry, as a fraction of a leg
     geometric : whether k includes the geometric stiffness
-    drag : on translations and rotations during a collapse; default: the path ends where stability is lost [1/time]
+    drag : drag on all motion in a collapse; default: the path ends where stability is lost [1/time]
     duration : longest time of a collapse; default: 1e5 natural units (see `relax`) [time]
     travel : largest displacement of a body in a collapse; default: 5 mean diameters. If the packing is not at rest
         within both limits, it flows, and the path ends [length]
@@ -215,11 +215,11 @@ class _Leg(NamedTuple):
     count: int  # number of legs
     increment: float
     geometric: bool
-    removes: bool = False  # whether the load of a broken bond is removed under the load `number`
+    removes: bool = False  # whether this leg removes the load of a broken bond, with other loads held at `number`
 
 
 def _place(state: State) -> PathState:
-    """Beginning of a path."""
+    """Return the state at the beginning of a path."""
     nothing = np.zeros(len(state.contacts.mode), bool)
     return PathState(state, loose_grains(state), nothing, nothing, True, -np.inf)
 
@@ -241,7 +241,7 @@ class _PathRecord:
             if last is None or fork[1:] != last[1:]:  # a motion that stays undetermined is recorded once
                 self.forks.append(fork)
             last = fork
-        # events and parts of increments since the load last advanced
+        # count events and parts of increments since the load last advanced
         if point.load > self.anchor + PROGRESS:
             self.anchor, self.since = point.load, 0
         else:
@@ -255,7 +255,7 @@ class _PathRecord:
         self.anchor, self.since = load, 0
 
     def raised_by(self, load: float, most: float) -> float:
-        """Share of a leg by which the load is raised; larger if dynamics has just passed here without a collapse."""
+        """Return the share of a leg by which the load is raised; larger if dynamics near it found no collapse."""
         last = self.collapses[-1] if self.collapses else None
         self.offset = min(2 * self.offset, most) if last and last.quiet and load < last.held + most else OFFSET
         return self.offset
@@ -289,7 +289,7 @@ class _PathRecord:
 def _go_through(
     place: PathState, share: float, leg: _Leg, way: _PathRecord, verdict: Verdict, through: tuple
 ) -> tuple[PathState | None, float]:
-    """State after dynamics from the end of the path, or None if it does not come to rest, and the share of the leg."""
+    """Run dynamics from the end of the path; return the state, or None without rest, and the share of the leg."""
     load, raised = leg.number + share, min(1.0, share + way.raised_by(leg.number + share, leg.increment))
     before = place.state._replace(control=place.state.control if place.breaking else between(leg.begin, leg.end, share))
     motion = run_to_rest(before, leg.law, between(leg.begin, leg.end, raised), *through)
@@ -304,11 +304,11 @@ def _go_through(
 
 
 def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, report: Report):
-    """Follow a leg from a share of it; return the state and the share at which it stops, and the verdict."""
+    """Follow a leg from a given share of it; return the state and the share at which it stops, and the verdict."""
     law, increment, size, missed = leg.law, leg.increment, leg.increment, np.inf
-    wedged = 0.0  # share at which a rattler was found wedged, somewhat above that at which it was wedged
+    wedged = 0.0  # share at which a rattler was found to be wedged, slightly after it became so
     while share < 1.0:
-        # an imbalance is removed over a whole increment: a part of it removes only its share
+        # an imbalance is removed over a whole increment; part of an increment removes only a share of it
         piece = Increment(
             place, law, leg.begin, leg.end, share, min(size, 1.0 - share), leg.geometric, size / increment
         )
@@ -328,7 +328,7 @@ def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, rep
         way.add(piece, point)
         way.crawled = 0 if piece.events or used > CRAWLS * increment else way.crawled + 1
         if piece.broke and verdict is Verdict.CONSISTENT:
-            if leg.removes:  # the loads of both bonds decrease together
+            if leg.removes:  # the loads of the earlier bond and of this one decrease together
                 place, share, size = _break_weakest(after, law, leg.end, leg.number, way), 0.0, increment
                 leg, way.anchor, way.since = leg._replace(begin=place.state.control), leg.number, 0
                 continue
@@ -351,9 +351,9 @@ def _break_events(load: float, broken: np.ndarray) -> list[Event]:
 
 
 def _break_weakest(place: PathState, law: Law, control: Control, load: float, way: _PathRecord) -> PathState:
-    """State without the weakest bond, under a control to which forces are added that replace the loads of the bond.
+    """Break the weakest bond, and add forces that replace its load to the control.
 
-    Grains supported by it alone are rattlers from then on, and forces replace those of their contacts.
+    Grains that only this bond supported become rattlers, and forces also replace their contact forces.
     """
     before, strength = place.state, place.state.bonds.strength
     held = without_bonds_of(before, place.loose).bonds.intact
@@ -371,7 +371,7 @@ def _break_weakest(place: PathState, law: Law, control: Control, load: float, wa
 
 
 def _balancing_control(place: PathState, law: Law) -> Control:
-    """Control with additional forces, torques and stresses under which a state balances."""
+    """Return the control with the additional forces, torques and stresses under which a state is in balance."""
     state, control, n = place.state, place.state.control, len(place.loose)
     free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - n, bool)))
     missing = unbalanced_force(place, law, free)
@@ -386,7 +386,7 @@ def _balancing_control(place: PathState, law: Law) -> Control:
 
 
 def _remove_load(place: PathState, leg: _Leg, share: float, way: _PathRecord) -> tuple[PathState, Verdict]:
-    """State after a bond and those that break as its load is passed on have broken, and the verdict."""
+    """Break a bond and those that break as they take over its load; return the state and the verdict."""
     load, control, record = leg.number + share, between(leg.begin, leg.end, share), _PathRecord(way.points[-1], leg.law)
     place, record.anchor = _break_weakest(place, leg.law, control, load, record), load
     removal = _Leg(leg.law, place.state.control, control, load, 1, REMOVAL, leg.geometric, removes=True)
@@ -399,7 +399,7 @@ def _remove_load(place: PathState, leg: _Leg, share: float, way: _PathRecord) ->
 
 
 def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float) -> tuple[PathState, list[Event]]:
-    """State in which wedged rattlers are ordinary grains again, and the corresponding events.
+    """Make wedged rattlers ordinary grains again; return the state and the corresponding events.
 
     Rattlers wedged in turn by these grains are reinstated as well, until all remaining rattlers can be moved aside.
     """
@@ -410,7 +410,7 @@ def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float
         caught, unit = np.unique(ends[ends < len(loose)]), joined_bodies(place.state)
         caught = np.flatnonzero(np.isin(unit[: len(loose)], unit[caught[loose[caught]]]))
         loose[caught] = False
-        # in addition to the wedging contacts, all others that overlap
+        # in addition to the wedging contacts, all other contacts that overlap
         count, whole = int(contacts.count[0]), np.append(loose, np.zeros(place.state.n_bodies - len(loose), bool))
         rows = np.flatnonzero(np.isin(contacts.i[:count], caught) | np.isin(contacts.j[:count], caught))
         rows = rows[~(whole[contacts.i[rows]] | whole[contacts.j[rows]])]
@@ -426,7 +426,7 @@ def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float
 
 
 def _move_rattlers(place: PathState, law: Law, start: State | None = None) -> tuple[PathState, np.ndarray]:
-    """State with rattlers moved aside, and the rows of contacts that wedge some of them."""
+    """Move rattlers aside; return the state and the rows of contacts that wedge some of them."""
     before = place.state.contacts
     state, wedge = move_aside(place.state, law, place.loose, start)
     if not len(wedge) and (relaxed := relax_clusters(state, law, place.loose)) is not state:
@@ -461,7 +461,7 @@ BALANCED = 1e-6  # largest unbalanced force at the start, over the mean normal f
 def check_start(state: State, law: Law, legs, increment: float) -> None:
     """Raise ValueError if no path can begin in a state, or if a leg cannot be followed."""
     if not legs:
-        raise ValueError("at least one leg, a Control, is needed")
+        raise ValueError("a path needs at least one leg: give a Control for the end of each leg")
     if law.kind != linear().kind or law.properties:
         raise ValueError("paths are piecewise linear only for the law `linear` with lever arms R: use this law")
     if not law.table[..., builtin.KT].min() > 0:
@@ -528,8 +528,8 @@ def check_dynamics(control: Control, drag: float, duration: float | None, travel
     require_positive(drag=drag, **{k: v for k, v in (("duration", duration), ("travel", travel)) if v is not None})
     if control.rate.any() or control.cell_rate.any() or control.course.any():
         raise ValueError(
-            "drag requires all rates and time profiles of bodies and cell to be zero, as dynamics holds the load: "
-            "pull with a spring whose anchor moves instead"
+            "drag requires all rates and time profiles of bodies and cell to be zero, as dynamics holds the load "
+            "constant: instead, pull with a spring whose anchor moves"
         )
 
 

@@ -27,7 +27,7 @@ from ...results import Freedom
 from .matrices import LinearSystem, linear_system, stiffness_matrix
 from .system import elimination_order, load_of
 
-SHIFT, MORE = 1e-12, 100.0  # shift of squared singular values, so that none is zero, and ratio of a larger shift
+SHIFT, MORE = 1e-12, 100.0  # shift of squared singular values, so that none is zero; factor to a second, larger shift
 REPEATS = 4  # number of solves; each reduces other components by SHIFT over their squared singular value
 SAMPLES = 4  # number of random vectors of the null space
 STILL = 1e-7  # fraction of the largest motion or self-stress below which it is zero
@@ -43,7 +43,7 @@ class RigidClusters(NamedTuple):
     sizes: np.ndarray  # (K,) number of bodies
     overconstrained: np.ndarray  # (M,) bool, contacts that carry a self-stress
     floppy: int  # number of independent unresisted motions, including those of rattlers and of the whole packing
-    constraints: int  # two per sticking contact of disks, three per sticking one of spheres, one per sliding contact
+    constraints: int  # two per sticking contact of disks, three per sticking contact of spheres, one per sliding one
     redundant: int  # number of constraints that could be removed without adding a motion
     rows: np.ndarray  # (M,) rows of the contacts in the contact list
     sliding: np.ndarray  # (M,) bool
@@ -77,8 +77,8 @@ def rigid_clusters(
     Raises
     ------
     ValueError
-        If there are no contacts, if the law has no friction, smooth friction or rolling resistance, or for
-        spheres with "pebbles".
+        If there are no contacts; if the law has no friction, smooth friction or rolling resistance; or if `method` is
+        "pebbles" for spheres.
 
     Notes
     -----
@@ -169,7 +169,7 @@ def _by_null_space(state: State, matrix: LinearSystem) -> RigidClusters:
 
 
 def _constraint_matrix(state: State, matrix: LinearSystem):
-    """Sparse matrix (constraints, n) of relative velocities that contacts resist, and their contacts (constraints,)."""
+    """Return a sparse matrix (constraints, n) of relative velocities that contacts resist, and each row's contact."""
     i, j = state.contacts.i[matrix.rows], state.contacts.j[matrix.rows]
     radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
     reach = np.linalg.norm(branch_vectors(state)[matrix.rows], axis=1) / (radius[i] + radius[j])
@@ -182,7 +182,7 @@ def _constraint_matrix(state: State, matrix: LinearSystem):
 
 
 def _null_samples(a, order: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-    """Rank of a sparse matrix (m, n), and random vectors of its right and left null spaces, (n, k) and (m, k).
+    """Return the rank of a sparse matrix (m, n) and random vectors of its right and left null spaces (n, k) and (m, k).
 
     Each vector is zero or has a largest component of 1.
     """
@@ -216,7 +216,7 @@ def _scaled(vectors: np.ndarray) -> np.ndarray:
 
 
 def _numbered(block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cluster of each body, from labels of bodies, and sizes of clusters, by decreasing size."""
+    """Number the clusters of labelled bodies by decreasing size; return the cluster of each body, and the sizes."""
     _, label, size = np.unique(block, return_inverse=True, return_counts=True)
     order = np.argsort(-size, kind="stable")
     number = np.empty(len(size), int)
@@ -235,8 +235,8 @@ class PebbleGame:
 
     def __init__(self, bodies: int, bars: list[tuple[int, int]]):
         self.bars, self.redundant = bars, []
-        self.free, self.out = [PEBBLES] * bodies, [[] for _ in range(bodies)]  # of blocks: pebbles, bars they pay for
-        self.touching: list[list[int]] = [[] for _ in range(bodies)]  # of blocks: independent bars at their bodies
+        self.free, self.out = [PEBBLES] * bodies, [[] for _ in range(bodies)]  # per block: pebbles, bars it pays for
+        self.touching: list[list[int]] = [[] for _ in range(bodies)]  # per block: independent bars at its bodies
         self.head = [0] * len(bars)  # end of each independent bar that does not pay for it
         # union by size without shortcuts: each step towards the root records the contraction that made it
         self.parent, self.size, self.when = list(range(bodies)), [1] * bodies, [len(bars)] * bodies
@@ -301,8 +301,8 @@ class PebbleGame:
     def _grow(self, blocks: list[int]) -> None:
         """Contract blocks, and then everything that has become rigid with them, the smallest part first.
 
-        Such a part pays for a bar into a block that is new to the largest block; otherwise, it was rigid with that
-        block before.
+        Such a part pays for a bar into a block that is new to the largest block; otherwise, it would have been rigid
+        with that block before.
         """
         suspects = self._contract(blocks)
         while suspects:
@@ -348,8 +348,8 @@ class PebbleGame:
         """Bars that carry a self-stress: redundant bars, and bars whose removal would make a redundant bar independent.
 
         The latter are the bars of the smallest tight block that contains both ends of a redundant bar. A contraction
-        joins smaller blocks. If a self-stress crosses it, all of its bars are stressed, and so are those of the
-        smallest blocks that connect their ends within each of the joined blocks.
+        joins smaller blocks. If a self-stress crosses a contraction, all bars of the contraction are stressed, and so
+        are those of the smallest blocks that connect their ends within each of the joined blocks.
         """
         marked, joined, crossed = set(self.redundant), _Sets(len(self.parent)), {}
         tasks: list = [self.bars[bar] for bar in self.redundant]
@@ -395,7 +395,7 @@ class _Sets:
 
 ZERO = 1e-10  # fraction of the largest singular value below which a singular value is zero
 ALIKE = 0.9  # fraction of the rigid rotation in the null modes above which it counts as one of them
-DENSE_UP_TO = 6000  # largest number of coordinates for singular values
+DENSE_UP_TO = 6000  # largest number of coordinates for which singular values are computed
 RIGID, RATTLER, IDLE, DRIVEN = (
     "a rigid motion of the apparatus",
     "a rattler, which supports nothing",
@@ -427,19 +427,19 @@ def mechanisms(
     *,
     wall_arm: Positive | None = None,
 ) -> list[Mechanism]:
-    """Find all null modes of k, with their classes of Sec. III E.
+    """Find all null modes of k, classified as in Sec. III E of McNamara and Herrmann.
 
     Parameters
     ----------
     load : (n,) rate of the external load on all free coordinates, including rattlers [force/time]; default: no load
     sliding : (M,) bool, sliding contacts of `linear_system(state, law, rattlers=True)`; default: those at the limit
     wall_arm : arm of walls that may also rotate, as in `linear_system`; the rotation of the whole packing about a point
-        is then also RIGID if only overlaps resist it, with a correspondingly small `quotient`
+        is then RIGID, too, if only overlaps resist it; its `quotient` is correspondingly small
 
     Returns
     -------
     list of Mechanism
-        rigid motions, rattlers, mechanisms that the load does not excite, mechanisms that it drives, in this order
+        in this order: rigid motions, rattlers, mechanisms that the load does not drive, and mechanisms that it drives
 
     Raises
     ------
@@ -503,7 +503,7 @@ def _find_mechanisms(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[M
     if rigid.shape[1]:
         base = qr(rigid, mode="economic")[0]
         null, co = _complement(null, base), _complement(co, base)
-    if turn.shape[1]:  # with very small overlaps it is a null mode of k, which must not be counted twice
+    if turn.shape[1]:  # at very small overlaps, the rotation is a null mode of k, which must not be counted twice
         null, co = _without_rotation(null, turn, rigid), _without_rotation(co, turn, rigid)
     if not null.shape[1]:
         return []
@@ -541,7 +541,7 @@ def _make_mechanism(kind: str, matrix: LinearSystem, rest, vector, power: float)
 
 
 def rigid_rotation(state: State, free: Freedom, arm: float) -> np.ndarray:
-    """Velocities (n,) in a rigid rotation with unit angular velocity about the mean position of all moving bodies.
+    """Return velocities (n,) of a rotation with unit angular velocity about the mean position of all moving bodies.
 
     Parameters
     ----------

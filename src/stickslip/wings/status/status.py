@@ -53,7 +53,7 @@ from .uniqueness import (
 
 ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
 ALIKE = 1e-6  # largest difference, over the largest rate, between rates that count as the same
-SAME = 1e-7  # likewise for force rates of two statuses, over the largest force rate: half the digits
+SAME = 1e-7  # largest difference, over the largest rate, between force rates that count as the same
 
 
 class Verdict(Enum):
@@ -113,13 +113,13 @@ class ContactStatus(NamedTuple):
     velocity: np.ndarray  # (n,) dq/d(load)
     rate: np.ndarray  # (Mc,) Ṽ: slip rate of sliding contacts; the others move away from the cone if Ṽ is negative
     method: str  # "flip all", "principal pivoting", "Lemke" or "enumeration"
-    solves: int  # factorisations and pivots
+    solves: int  # number of factorisations and pivots
     stable: bool | None = None  # det k(S) has the sign of det k₀; None if it is zero to round-off, or not computed
     others: tuple[Alternative, ...] = ()  # other consistent statuses that were found, if there was a search
     uniqueness: Uniqueness | None = None  # uniqueness under every load, if requested
-    proof: Absence | UnresistedMotion | None = None  # that no status is consistent, or the motion driven by the load
-    marginal: np.ndarray | None = None  # (Mc,) bool: contacts without slip on the cone, which may have either status
-    opens: np.ndarray | None = None  # (M,) bool: contacts without force that open, if there are contacts without force
+    proof: Absence | UnresistedMotion | None = None  # proof that no status is consistent, or motion driven by the load
+    marginal: np.ndarray | None = None  # (Mc,) bool: contacts on the cone that do not slip and may have either status
+    opens: np.ndarray | None = None  # (M,) bool: contacts without force that open; None if all contacts carry force
 
     @property
     def ok(self) -> bool:
@@ -184,13 +184,13 @@ def _search_without_idle_motions(system: StatusSolver, slides: np.ndarray, uniqu
 
 
 def _unbalanced_motion(system: StatusSolver, driven: np.ndarray) -> UnresistedMotion:
-    """Translation of the whole packing, or rolling of a sphere, along which no force balances the load."""
+    """Return a translation of the packing, or a rolling motion of a sphere, along which no force balances the load."""
     balance = driven.T @ (driven @ system.load)
     move = balance / np.linalg.norm(balance)
     nothing = np.zeros(len(system.critical), bool)
     turned = stiffness_matrix(system.matrix, np.zeros(system.matrix.count, bool), geometric=system.geometric) @ move
     velocity = move.copy()
-    # the forces of a sphere that rolls do not turn with it
+    # the forces on a rolling sphere do not turn with it
     if system.matrix.free.dim == 3 and np.abs(turned).max() > 0:
         system.factorise(nothing)
         velocity -= system.expand(system.factor(system.reduce(turned)))
@@ -218,14 +218,14 @@ def _make_failure(system: StatusSolver, verdict: Verdict, proof=None, known=None
 
 
 def _expand_status(system: StatusSolver, slides: np.ndarray) -> np.ndarray:
-    """(M,) mask of sliding contacts from a status of the critical contacts."""
+    """Return the mask (M,) of all sliding contacts, given the status of the critical contacts."""
     sliding = np.zeros(system.matrix.count, bool)
     sliding[system.critical] = slides
     return sliding
 
 
 def _verify(system: StatusSolver, slides: np.ndarray | None, method: str) -> VerifiedStatus | None:
-    """Status with velocities from its own factor, if it is consistent and balances the load; otherwise None."""
+    """Compute the velocities of a status from its k(S); return None unless it is consistent and balances the load."""
     if slides is None:
         return None
     try:
@@ -298,12 +298,12 @@ def _enumerate(system: StatusSolver, problem: Complementarity, flipped: Verified
 
 
 def _recompute_rates(system: StatusSolver, slides: np.ndarray):
-    """Ṽ of a status with its error bound, from k(S) itself; None if it is not consistent."""
+    """Return Ṽ of a status and its error bound, computed from k(S) itself; None if the status is not consistent."""
     try:
         system.factorise(slides)
         velocity, rate = system.rates(slides)
     except LinAlgError:
-        # undecided: the verification that follows rejects it
+        # undecided: the verification that follows rejects the status
         return np.full(len(slides), np.nan), np.zeros(len(slides))
     slack = sign_slack(rate, system.round_off(velocity))
     return None if inconsistent(slides, rate, slack).any() else (rate, slack)
@@ -337,7 +337,7 @@ def _same_rates(answer: VerifiedStatus, other: VerifiedStatus | None) -> bool:
 
 
 def _verdict(system: StatusSolver, problem: Complementarity, answers: list[VerifiedStatus]) -> Verdict:
-    """Verdict on all consistent statuses, which are listed best first.
+    """Return the verdict on all consistent statuses, which are listed best first.
 
     Two statuses have the same forces if A is singular on the union of their sliding contacts. A small difference in
     the forces alone is not conclusive, since it may be due to a weak contact.
@@ -377,7 +377,7 @@ def _search_many(
 def _try_algorithms(
     system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None
 ) -> list[VerifiedStatus]:
-    """Statuses found by flipping, pivoting and Lemke's algorithm, up to the first stable one; the best one first."""
+    """Return the statuses found by flipping, pivoting and Lemke's algorithm, up to the first stable one; best first."""
     here, answers = scale_problem(problem), []
     for answer in _candidates(system, problem, flipped):
         if answer is None or any(_same_rates(answer, other) for other in answers):
@@ -390,7 +390,7 @@ def _try_algorithms(
 
 
 def _candidates(system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None):
-    """Yield the status of one algorithm after the other, None if it finds none."""
+    """Yield the status that each algorithm finds in turn, or None if it finds none."""
     yield flipped
     slides, pivots = principal_pivoting(problem) if may_be_p_matrix(problem) else (None, 0)
     system.solves += pivots

@@ -1,4 +1,4 @@
-"""Solutions of k(S) v = b for a changing contact status S, with one factorisation corrected for small changes."""
+"""Solve k(S) v = b for a changing contact status S; one factorisation is corrected while few contacts change."""
 
 import numpy as np
 from scipy import sparse
@@ -11,17 +11,17 @@ from ...modes import residual_vector
 from ...results import ContactLoads, Freedom
 from .matrices import LinearSystem, linear_system, stiffness_matrix
 
-# changed contacts up to which a factor is corrected and beyond which it is recomputed; for 3000 disks, both cost
+# number of changed contacts beyond which a factor is recomputed instead of corrected; for 3000 disks, both cost
 # the same at 48, but the result of a correction is verified with a new factor
 FEW = 24
 RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
-NEUTRAL = 1e-9  # stiffness, over that of contacts, below which a cluster rolls without resistance
-ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
-RELAXATIONS = 20  # largest number of Newton steps of bonded rattlers
+NEUTRAL = 1e-9  # ratio of stiffness to contact stiffness below which a cluster rolls without resistance
+ROUND_OFF = 1e-13  # round-off of a velocity over the largest one nearby, for condition numbers of a few hundred
+RELAXATIONS = 20  # largest number of Newton steps for bonded rattlers
 RELAXED = 1e-10  # unbalanced force of bonded rattlers over stiffness and radius; also the cut-off of rigid motions
-AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
+AT_MOST = 3000  # largest number of coordinates if there are rigid bonds, which require dense algebra
 RANK = 1e-10  # share of the largest pivot below which a rate that bonds forbid is redundant
-CHECKED_UP_TO = 2500  # coordinates up to which the stability of a state is checked
+CHECKED_UP_TO = 2500  # largest number of coordinates for which the stability of a state is checked
 AT_ONCE = 16  # right-hand sides per call; more do not fit into the cache
 
 
@@ -29,8 +29,8 @@ class StatusSolver:
     """Velocities of a packing under one load rate, for any status of its critical contacts.
 
     Coordinates are in a fill-reducing order, which is computed once. The coordinates in `held` are fixed, in addition
-    to one for each free translation of the whole packing. Where rigid bonds forbid motions, B v = 0, the
-    others determine as many coordinates as B has rank, v = N z, and the equations are those of z: Nᵀ k(S) N z = Nᵀ b.
+    to one for each free translation of the whole packing. Rigid bonds require B v = 0: rank(B) coordinates then follow
+    from the others, z, as v = N z, and the equations are Nᵀ k(S) N z = Nᵀ b.
     """
 
     def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
@@ -57,11 +57,11 @@ class StatusSolver:
         self.factor, self.factored, self.answer, self.reached = None, None, None, {}
 
     def reduce(self, rows):
-        """Rows (n, …) of loads on all coordinates as loads on the kept ones."""
+        """Convert loads (n, …) on all coordinates to loads on the kept ones."""
         return rows[self.kept] if self.basis is None else self.basis.T @ rows
 
     def stiffness(self, slides: np.ndarray):
-        """k(S) of the kept coordinates."""
+        """Return k(S) of the kept coordinates."""
         if not slides.any():
             return self.stuck
         return sparse.csc_array(self.stuck - self.pull[:, slides] @ self.sees[:, slides].T)
@@ -75,7 +75,7 @@ class StatusSolver:
         self.solves += 1
 
     def solve_columns(self, columns: np.ndarray) -> np.ndarray:
-        """(kept, m) solutions for several columns with the last factor."""
+        """Solve for several columns (kept, m) with the last factor."""
         out = np.empty_like(columns)
         for k in range(0, columns.shape[1], AT_ONCE):
             out[:, k : k + AT_ONCE] = self.factor(np.asfortranarray(columns[:, k : k + AT_ONCE]))
@@ -109,11 +109,11 @@ class StatusSolver:
         return self.expand(v), self.sees.T @ v
 
     def round_off(self, velocity: np.ndarray) -> np.ndarray:
-        """(Mc,) round-off in Ṽ, which is a difference between velocities of touching bodies, in proportion to each."""
+        """Return the round-off (Mc,) of Ṽ, which is proportional to the velocities of the touching bodies."""
         return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
 
     def expand(self, v: np.ndarray) -> np.ndarray:
-        """(n,) velocities of all coordinates from those of the kept ones."""
+        """Return the velocities (n,) of all coordinates, computed from those of the kept ones."""
         if self.basis is not None:
             return self.basis @ v
         full = np.zeros(len(self.load))
@@ -148,7 +148,7 @@ class StatusSolver:
 
 
 def load_of(matrix: LinearSystem, load) -> np.ndarray:
-    """(n,) load as an array; raise ValueError unless it has a finite number for each coordinate."""
+    """Return the load (n,) as an array; raise ValueError unless it has a finite number for each coordinate."""
     load, size = np.asarray(load, float), len(matrix.free)
     if load.shape != (size,):
         raise ValueError(f"a load must have shape {(size,)}, one component for each coordinate, got {load.shape}")
@@ -158,9 +158,9 @@ def load_of(matrix: LinearSystem, load) -> np.ndarray:
 
 
 def follow_bonds(matrix: LinearSystem, fixed: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
-    """Coordinates that follow the others where rigid bonds forbid motions, and N (n, n) of v = N z; z is of the others.
+    """Return the coordinates that rigid bonds determine from the others, z, and the matrix N (n, n) in v = N z.
 
-    The others include those that are fixed. Columns of N that belong to coordinates that follow are zero.
+    The others include the fixed coordinates. The columns of N for determined coordinates are zero.
     """
     size = len(matrix.free)
     if size > AT_MOST:
@@ -178,12 +178,12 @@ def follow_bonds(matrix: LinearSystem, fixed: np.ndarray) -> tuple[np.ndarray, s
 
 
 def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
-    """Coordinates that may be fixed without affecting any contact: one for each free translation of the packing."""
+    """Return coordinates that may be fixed without affecting contacts: one for each free translation of the packing."""
     return np.array([np.flatnonzero(move)[0] for move in _free_translations(matrix)], np.int64)
 
 
 def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
-    """(n,) translations of the whole packing that move no contact."""
+    """Return the translations (n,) of the whole packing that move no contact."""
     moves = [(matrix.free.axis == axis).astype(float) for axis in range(matrix.free.dim)]
     slack = 1e-12 * np.abs(matrix.machine.data).max(initial=0.0)  # bonds resist no translation, except for round-off
     moves = [move for move in moves if move.any() and np.abs(matrix.machine @ move).max() <= slack]
@@ -191,7 +191,7 @@ def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
 
 
 def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
-    """(K, n) motions u of unit length of spheres, and of clusters, that may roll about the line through two contacts.
+    """Return motions u (K, n), of unit length, of spheres and clusters that may roll about a line through two contacts.
 
     The contacts do not move, so uᵀk(S) is the same for all statuses. It vanishes if nothing else acts on the
     sphere, because both forces then act along this line.
@@ -211,7 +211,7 @@ def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
 
 
 def roll_springs(matrix: LinearSystem, geometric: bool = True):
-    """(n, n) sparse stiffness that keeps rolling spheres from spinning about the line through their contacts.
+    """Return a sparse stiffness (n, n) that keeps rolling spheres from spinning about the line through their contacts.
 
     If the load does not drive this motion, the springs carry no force. Force balance does not determine the spin;
     inertia and drag do. The spin affects other contacts only to the order of the overlap over the radius.
@@ -222,15 +222,15 @@ def roll_springs(matrix: LinearSystem, geometric: bool = True):
 
 
 def regular_stiffness(matrix: LinearSystem, sliding: np.ndarray, geometric: bool):
-    """(n, n) sparse k(S) with `roll_springs`."""
+    """Return the sparse stiffness k(S) (n, n), including `roll_springs`."""
     k = stiffness_matrix(matrix, sliding, geometric=geometric)
     return sparse.csr_array(k + roll_springs(matrix, geometric)) if matrix.width == 3 else k
 
 
 def lowest_eigenvalue(matrix: LinearSystem) -> float:
-    """Smallest real part of the eigenvalues of k while all contacts stick; 0 if none is negative, or if k is large.
+    """Return the smallest real part of the eigenvalues of k if all contacts stick; 0 if none is negative or k is large.
 
-    If the symmetric part of k is positive, so are the real parts. Spins of spheres with two contacts do not count.
+    If the symmetric part of k is positive, so are the real parts. Spins of spheres with two contacts are excluded.
     """
     kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
     if len(kept) > CHECKED_UP_TO:
@@ -246,13 +246,13 @@ def lowest_eigenvalue(matrix: LinearSystem) -> float:
 
 
 def driven_motions(matrix: LinearSystem, load: np.ndarray, geometric: bool = True) -> np.ndarray:
-    """(K, n) free translations of the packing and rolling motions that a load drives, since no force balances it."""
+    """Return free translations and rolling motions (K, n) that the load drives because no force balances it there."""
     moves = np.array([*_free_translations(matrix), *rolling_motions(matrix, geometric)]).reshape(-1, len(load))
     return moves[np.abs(moves @ load) > RESIDUAL * np.abs(load).sum()]
 
 
 def _coordinates_of_bridges(matrix: LinearSystem) -> np.ndarray:
-    """(K, 6) coordinates of the spheres that have two contacts and are free in all directions."""
+    """Return the coordinates (K, 6) of the spheres that have two contacts and are free in all directions."""
     if matrix.free.dim == 2:
         return np.zeros((0, 6), int)
     c, body = matrix.c.tocoo(), matrix.free.body
@@ -267,7 +267,7 @@ def _coordinates_of_bridges(matrix: LinearSystem) -> np.ndarray:
 
 
 def _rolling_clusters(matrix: LinearSystem) -> list[np.ndarray]:
-    """(n,) rotations of the clusters that have two contacts, about the line through both."""
+    """Return the rotations (n,) of clusters with two contacts about the line through both."""
     if matrix.clusters is None:
         return []
     out, motions = [], sparse.csc_array(matrix.clusters)
@@ -286,7 +286,7 @@ def _rolling_clusters(matrix: LinearSystem) -> list[np.ndarray]:
 
 
 def relax_clusters(state: State, law: Law, loose: np.ndarray) -> State:
-    """State in which bonded rattlers (N,) have moved, with the least motion, to where bonds and contacts balance."""
+    """Move bonded rattlers (N,), as little as possible, to where the forces of bonds and contacts balance."""
     if not state.bonds or not (intact := state.bonds.intact & loose[state.bonds.i] & loose[state.bonds.j]).any():
         return state
     moves = np.zeros(state.n_bodies, bool)
@@ -312,7 +312,7 @@ def relax_clusters(state: State, law: Law, loose: np.ndarray) -> State:
 
 
 def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
-    """(n,) fill-reducing order of coordinates, by minimum degree on the graph of bodies in contact.
+    """Return a fill-reducing order (n,) of coordinates: minimum degree on the graph of bodies in contact.
 
     Parameters
     ----------
@@ -340,6 +340,6 @@ def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
 
 
 def external_force(state: State, free: Freedom) -> np.ndarray:
-    """(n,) generalised external force on the free coordinates [force]."""
+    """Return the generalised external force (n,) on the free coordinates [force]."""
     nothing = np.zeros((state.n_bodies, 3))
     return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)

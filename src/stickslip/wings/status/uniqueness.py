@@ -43,12 +43,12 @@ class Uniqueness(NamedTuple):
     verdict: UniquenessVerdict
     reason: str
     contacts: np.ndarray  # indices among the critical contacts
-    value: float = np.nan  # det A_SS, its smallest singular value if singular, or the margin of a sufficient condition
-    vector: np.ndarray | None = None  # x with A_SS x = 0 if singular; weights that make A diagonally dominant
+    value: float = np.nan  # det A_SS; its smallest singular value if singular; or the margin of a sufficient condition
+    vector: np.ndarray | None = None  # x with A_SS x = 0 if singular; or weights that make A diagonally dominant
 
     @property
     def unique(self) -> bool | None:
-        """True or False; None if unknown."""
+        """True if the status is unique, False if it is not, None if this is unknown."""
         return {UniquenessVerdict.UNIQUE: True, UniquenessVerdict.UNDECIDED: None}.get(self.verdict, False)
 
     def __str__(self):
@@ -77,7 +77,7 @@ def certificate(problem: Complementarity) -> Uniqueness:
 
 
 def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
-    """Sufficient condition for a P-matrix, tested without minors; None if it does not hold."""
+    """Test sufficient conditions for a P-matrix, which need no minors; return None if none of them holds."""
     a, everything = here.matrix, np.arange(len(here.vector))
     # no change within the error bounds moves an eigenvalue of the symmetric part by more than the norm of the bounds
     margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.error))
@@ -97,7 +97,7 @@ def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
 
 
 def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniqueness:
-    """Verdict from all 2^Mc − 1 principal minors."""
+    """Return the verdict from all 2^Mc − 1 principal minors."""
     through = enumerate_rates(here)
     reason = f"all {len(through.sign) - 1} principal minors were computed"
     if (through.sign < 0).any():
@@ -110,7 +110,7 @@ def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniquene
 
 
 def _fewest_sliding(through, which: np.ndarray) -> np.ndarray:
-    """Status with the fewest sliding contacts among the given ones."""
+    """Return the sliding contacts of that one of the given statuses in which the fewest contacts slide."""
     rows = through.slides[which]
     return np.flatnonzero(rows[int(np.argmin(rows.sum(axis=1)))])
 
@@ -127,7 +127,7 @@ def _find_negative_minor(here: ScaledProblem) -> np.ndarray | None:
 
 
 def _check_small_minors(here: ScaledProblem) -> Uniqueness:
-    """Singular if a minor of one, two or all contacts is zero; otherwise undecided."""
+    """Return the verdict "singular" if a minor of one, two or all contacts is zero, otherwise "undecided"."""
     diagonal, pair, blur = minors_of_one_and_two(here)
     everything = np.arange(len(diagonal))
     zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.error))]
@@ -169,7 +169,7 @@ def _make_singular(here: ScaledProblem, chosen: np.ndarray, minors: str) -> Uniq
 
 
 def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Minors of one contact (Mc,) and of two (Mc, Mc), with infinite diagonal, and error bounds for the latter."""
+    """Return minors of one contact (Mc,) and of two (Mc, Mc), infinite on the diagonal, and errors of the latter."""
     a, error = here.matrix, here.error
     diagonal, errors = np.diag(a), np.diag(error)
     pair = np.outer(diagonal, diagonal) - a * a.T
@@ -181,15 +181,15 @@ def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, 
 def may_be_p_matrix(problem: Complementarity) -> bool:
     """Return False if a minor of one or two contacts is not positive.
 
-    If one is not, principal pivoting may cycle for a long time.
+    Principal pivoting may then cycle for a long time.
     """
     diagonal, pair, _ = minors_of_one_and_two(scale_problem(problem))
     return bool((diagonal > 0).all() and (pair > 0).all())
 
 
-FAR = 1e9  # in units of q: a certificate is valid if a consistent status would require larger slip rates
+FAR = 1e9  # slip rates, in units of q, that a consistent status must exceed for a certificate to be valid
 TIGHT = 1e-6  # ten times the tolerance of HiGHS; inequalities this tight are turned into equations
-DENSE_UP_TO = 3000  # largest number of coordinates for null vectors, which take seconds
+DENSE_UP_TO = 3000  # largest number of coordinates for which null vectors are computed, which takes seconds
 ZERO = 1e-11  # fraction of the largest entry of k below which a pivot is zero
 NULL = 1e-9  # largest residual of a null vector of unit size, over the largest entry of k
 
@@ -235,7 +235,7 @@ def farkas(problem: Complementarity) -> Absence | None:
 
 
 def _sharpen(here: ScaledProblem, y: np.ndarray) -> np.ndarray:
-    """Vector y with nearly tight inequalities turned into equations, as for an unresisted motion."""
+    """Return y after turning nearly tight inequalities into equations, which they are for an unresisted motion."""
     held = y > TIGHT
     tight = np.abs(here.matrix.T @ y) <= TIGHT
     a = here.matrix[np.ix_(held, tight)].T
@@ -245,7 +245,7 @@ def _sharpen(here: ScaledProblem, y: np.ndarray) -> np.ndarray:
 
 
 def _required_slip(here: ScaledProblem, y: np.ndarray) -> float:
-    """Sum of slip rates that every λ ≥ 0 with A λ + q ≥ 0 would exceed; 0 if y proves nothing."""
+    """Return the sum of slip rates that every λ ≥ 0 with A λ + q ≥ 0 must exceed; 0 if y proves nothing."""
     short = -(here.vector @ y) - here.vector_error @ y
     if not (np.isfinite(y).all() and short > 0):
         return 0.0
@@ -254,7 +254,7 @@ def _required_slip(here: ScaledProblem, y: np.ndarray) -> float:
 
 
 def farkas_ray(problem: Complementarity, absence: Absence) -> Ray | None:
-    """Slip rates of the contacts in a Farkas vector, without load; None if this motion is resisted."""
+    """Return slip rates, without load, of the contacts in a Farkas vector; None if this motion is resisted."""
     here = scale_problem(problem)
     y = absence.vector * here.gap_unit
     slides = y > TIGHT * y.max()
@@ -270,7 +270,7 @@ def farkas_ray(problem: Complementarity, absence: Absence) -> Ray | None:
 
 
 def motion_of_ray(system: StatusSolver, ray: Ray) -> UnresistedMotion | None:
-    """Motion of a ray, verified by k(S) v = 0, uᵀ k(S) = 0 and uᵀ b ≠ 0; None if one of these fails."""
+    """Return the motion of a ray, verified by k(S) v = 0, uᵀ k(S) = 0 and uᵀ b ≠ 0; None if one of these fails."""
     stuck = np.zeros(len(system.critical), bool)
     if system.factored is None or not np.array_equal(system.factored, stuck):
         system.factorise(stuck)
@@ -285,7 +285,7 @@ def motion_of_ray(system: StatusSolver, ray: Ray) -> UnresistedMotion | None:
 def _verify_motion(
     system: StatusSolver, velocity: np.ndarray, balance: np.ndarray, slides: np.ndarray
 ) -> UnresistedMotion | None:
-    """Motion with both vectors in all coordinates and of unit length; None if the verification fails."""
+    """Return a motion whose two vectors have unit length and all coordinates; None if the verification fails."""
     sizes = np.linalg.norm(velocity), np.linalg.norm(balance)
     if not (np.isfinite(sizes).all() and min(sizes) > 0):
         return None

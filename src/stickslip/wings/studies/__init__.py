@@ -1,1 +1,1 @@
-"""Granular flows, static and kinetic friction, a catalogue of events, and failure of a packing."""
+"""Studies of granular flows, of static and kinetic friction, of classified events, and of the failure of packings."""

@@ -65,9 +65,9 @@ def shear(
 ) -> None:
     """Shear or compress a packing quasi-statically until it fails, and forecast its next event.
 
-    Writes the stress-strain curve, births and deaths of pairs, events, contacts that open, close or slide, bonds that
-    break, forecasts with intervals, a figure and a page. The packing must be in equilibrium, in a periodic cell without
-    walls. After ctrl-C or a kill, stickslip resume continues.
+    Writes the stress-strain curve, births and deaths of complex pairs, events, contacts that open, close or slide,
+    bonds that break, forecasts with intervals, a figure and a page. The packing must be in equilibrium in a periodic
+    cell without walls. After ctrl-C or a kill, stickslip resume continues.
     """
     from ...kit import trust_law_files, validate_scenario
     from .failure.scenario import FailureScenario

@@ -1,4 +1,4 @@
-"""Definition of the studies wing, which may use samples of the papers wing."""
+"""Definition of the studies wing, which also uses the papers wing."""
 
 from ...wing import Wing
 

@@ -1,4 +1,4 @@
-"""Cyclic shear of samples by quasi-static steps: loops, modulus and damping against amplitude, work, and return."""
+"""Cyclic shear of samples in quasi-static steps: loops, modulus, damping, split of the work, and return of grains."""
 
 from functools import partial
 

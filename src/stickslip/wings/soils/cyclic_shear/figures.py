@@ -38,11 +38,11 @@ GREY = "0.85"
 
 @styled
 def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirement(require_filled)]):
-    """Loops at up to six amplitudes, about the mean stress of the last cycle; the last cycle is drawn dark.
+    """Loops at up to six amplitudes, relative to the mean stress of the last cycle, which is drawn dark.
 
     Parameters
     ----------
-    curves : (γ/γ₀, τ/(Gmax γ₀)) of each amplitude, both (cycles, steps + 1)
+    curves : γ/γ₀ and τ/(Gmax γ₀) for each amplitude, two arrays (cycles, steps + 1)
     """
     chosen = sorted(curves)[-6:]
     rows = -(-len(chosen) // 2)
@@ -71,7 +71,7 @@ def modulus_and_damping(tables: Annotated[list[_Table], Requirement(require_fill
 
     Parameters
     ----------
-    sands : amplitude, and smallest and largest G_ratio and damping of sands
+    sands : range for sands: amplitudes, and the smallest and largest `G_ratio` and `damping` at each
     """
     figure, panels = column_axes(2, 4.0, sharex=True)
     for axes, name in zip(panels, ("G_ratio", "damping"), strict=True):
@@ -92,7 +92,7 @@ def modulus_and_damping(tables: Annotated[list[_Table], Requirement(require_fill
 
 @styled
 def complex_modulus(tables: list[_Table], scales: list[float]):
-    """G′ and G″ over Gmax against the amplitude; `scales` are Gmax of the samples."""
+    """G′ and G″ over Gmax against the amplitude; `scales` are the values of Gmax of the samples."""
     figure, axes = column_axes()
     for k, (table, scale) in enumerate(zip(tables, scales, strict=True)):
         for name, color, marker in (("storage", BLUE, "o"), ("loss", RED, "s")):
@@ -108,7 +108,7 @@ def complex_modulus(tables: list[_Table], scales: list[float]):
 
 @styled
 def work(table: _Table, parts: tuple[str, ...]):
-    """Contributions to the area of the last loop at each amplitude: stacked bars, with negative ones below zero."""
+    """Contributions to the area of the last loop at each amplitude: stacked bars, negative ones below zero."""
     figure, axes = column_axes(1, 2.8)
     clear = np.isfinite(table["sliding"])
     place = np.arange(clear.sum())
@@ -133,7 +133,7 @@ def work(table: _Table, parts: tuple[str, ...]):
 
 @styled
 def returns(displacements: dict, kinds: dict[float, str]):
-    """Net displacement of grains in each whole cycle, over γ₀ times the diameter, one line per amplitude."""
+    """Net displacement of grains in each cycle, over γ₀ times the diameter, one line per amplitude."""
     figure, axes = column_axes(1, 2.8)
     for k, (amplitude, values) in enumerate(displacements.items()):
         kind, number = kinds[amplitude], np.arange(1, len(values) + 1)

@@ -1,6 +1,6 @@
-"""Output of cyclic shear: measures with curves of sands, table of cycles, loops, figures, archive and summary.
+"""Output of cyclic shear: comparison with curves of sands, tables of cycles and loops, figures, archive and summary.
 
-For sands G/Gmax = 1/(1 + (γ/γ_r)^a), and the damping is b (G/Gmax)^0.1 times that of Masing's rule. The small-strain
+For sands, G/Gmax = 1/(1 + (γ/γ_r)^a), and the damping is b (G/Gmax)^0.1 times that of Masing's rule. The small-strain
 part is left out, because rate-independent steps cannot produce it. The coefficients are those of Darendeli (2001, PI =
 0, OCR = 1) and Menq (2003) as implemented in pystrata (github.com/arkottke/pystrata, `site.py`, commit 020a5c3), not
 taken from the theses themselves.
@@ -31,7 +31,7 @@ from .simulate import (
 )
 
 SHOWN = ("G", "G_ratio", "damping", "storage", "loss", "sliding", "residual", "returned")
-OFF = 0.02  # relative difference between G at the smallest amplitude and the tangent modulus; larger ones are reported
+OFF = 0.02  # relative difference between G at the smallest amplitude and the tangent modulus above which it is reported
 ATMOSPHERE = 101.325e3  # [Pa]
 CYCLES = 10  # number of cycles assumed for the curves, which hardly depend on it
 UNIFORMITY = (1.0, 10.0)  # D60/D10 of uniform and of well-graded sands
@@ -44,7 +44,7 @@ class Curve(NamedTuple):
     curvature: float  # a
 
     def ratio(self, gamma: np.ndarray) -> np.ndarray:
-        """G/Gmax at amplitudes.
+        """Return G/Gmax at given amplitudes.
 
         Examples
         --------
@@ -54,7 +54,7 @@ class Curve(NamedTuple):
         return 1 / (1 + (gamma / self.reference) ** self.curvature)
 
     def damping(self, gamma: np.ndarray) -> np.ndarray:
-        """Damping ratio of loops at amplitudes."""
+        """Return the damping ratio of loops at given amplitudes."""
         a, x = self.curvature, gamma / self.reference
         masing = 100 / np.pi * (4 * (x - np.log1p(x)) * (1 + x) / x**2 - 2)  # [%] of a hyperbola with a = 1
         powers = (-1.1143 * a**2 + 1.8618 * a + 0.2523, 0.0805 * a**2 - 0.0710 * a - 0.0095,
@@ -77,7 +77,7 @@ def menq(pressure: float, uniformity: float) -> Curve:
 
 
 def band(pressure: float, gamma: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Range of G/Gmax and damping ratio of sands at amplitudes, from Darendeli's curve and those of Menq."""
+    """Return the range of G/Gmax and damping ratio of sands at given amplitudes, from Darendeli's and Menq's curves."""
     curves = [darendeli(pressure), *(menq(pressure, uniformity) for uniformity in UNIFORMITY)]
     values = {"G_ratio": [c.ratio(gamma) for c in curves], "damping": [c.damping(gamma) for c in curves]}
     return {name: (np.min(rows, axis=0), np.max(rows, axis=0)) for name, rows in values.items()}
@@ -112,7 +112,7 @@ class Sample(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """Largest residual of a loop; NaN if no work can be split."""
+        """Largest residual of a loop after the split of its work; NaN if no work can be split."""
         residual = np.abs(self.table["residual"])
         return float(np.nanmax(residual)) if np.isfinite(residual).any() else NAN
 
@@ -138,7 +138,7 @@ MEASURES = Measures(
 
 
 def in_band(scenario: CyclicShearScenario, table: dict[str, np.ndarray]) -> np.ndarray:
-    """Array (2, A) for G/Gmax and damping: 1 where a sample of spheres lies in the band of sands; NaN for disks."""
+    """Return, for G/Gmax and damping (2, A), 1 where spheres lie in the band of sands, 0 elsewhere; NaN for disks."""
     gamma = table["amplitude"]
     if scenario.sample.dim == 2 or scenario.units != "SI":
         return np.full((2, len(gamma)), NAN)

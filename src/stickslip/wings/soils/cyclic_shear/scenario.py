@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from ....kit import Listed, Positive, ScenarioTable, Size
 from ..element_test.scenario import NARROWEST, ElementLaw, SampleScenario, widest_shear
 
-SMALLEST = 1e-8  # smallest amplitude: its stress is about 1e-6 of the pressure, which is balanced to 1e-9
+SMALLEST = 1e-8  # smallest amplitude; its stress is about 1e-6 of the pressure, and equilibria are accurate to 1e-9
 
 
 class Cycles(ScenarioTable):
@@ -57,11 +57,11 @@ class CyclicShearScenario(SampleScenario):
         if most > longest:
             raise ValueError(
                 f"at cycles.amplitudes = {most:g}, the cell of {self.sample.grains} grains would become narrower than "
-                f"{NARROWEST:g} of the largest ones: use at most {longest:.2g}, or more grains"
+                f"{NARROWEST:g} times the largest diameter: use at most {longest:.2g}, or more grains"
             )
         return self
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over the steps of the cycles."""
+        """Yield the number of load steps in all cycles."""
         count = len(self.cycles.amplitudes) * self.cycles.number * self.cycles.steps
         yield Size("cycles.amplitudes, number and steps require", count, "load steps", "use fewer of them")

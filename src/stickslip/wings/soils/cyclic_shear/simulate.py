@@ -1,9 +1,9 @@
-"""Simulation of cyclic shear, and quantities of its cycles: modulus, damping ratio, split of the work, return.
+"""Simulation of cyclic shear, and measures of its cycles: modulus, damping ratio, split of the work, and return.
 
-Each step ends in equilibrium, and its energies are posted to a ledger. γ_a and τ_a = G γ_a are the amplitudes between
-the turns of a loop. The damping ratio is D = ΔW/(4π W), with the area ΔW of the loop and W = ½ τ_a γ_a. ΔW is the work
-of the shear stress, including work within steps in which grains rearrange. G′ and G″ are the first Fourier coefficients
-of τ over γ₀, for γ = γ₀ sin θ, so ΔW = π γ₀² G″ up to the error of the trapezoidal rule.
+Each step ends in equilibrium, and its energies are entered in a ledger. γ_a and τ_a = G γ_a are half the differences of
+strain and stress between the turns of a loop. The damping ratio is D = ΔW/(4π W), with the area ΔW of the loop and W =
+½ τ_a γ_a. ΔW is the work of the shear stress, including work within steps in which grains rearrange. G′ and G″ are the
+first Fourier coefficients of τ over γ₀, for γ = γ₀ sin θ, so ΔW = π γ₀² G″ up to the error of the trapezoidal rule.
 """
 
 from functools import cached_property, partial
@@ -44,8 +44,8 @@ from ..element_test.simulate import MODULI_UP_TO
 from . import EXPERIMENT
 from .scenario import CyclicShearScenario
 
-ELASTIC = 1e-3  # damping ratio below which cycles that return are elastic
-RETURNED = 1e-2  # rms displacement over γ₀ D below which a sample has returned
+ELASTIC = 1e-3  # damping ratio below which cycles are elastic if the grains return
+RETURNED = 1e-2  # ratio of rms displacement to γ₀ D below which a sample has returned
 CLEAR = 1e-5  # damping ratio above which the work is split; the area of smaller loops is lost in round-off
 NAN = float("nan")
 SHEAR = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # displacement gradient of γ = 1
@@ -68,7 +68,7 @@ class Cycle(NamedTuple):
 
 @readable
 class Response(NamedTuple):
-    """C cycles at one amplitude; fields as in `Cycle`, with a first axis of cycles."""
+    """C cycles at one amplitude; fields as in `Cycle`, with the cycles along the first axis."""
 
     amplitude: float
     gamma: np.ndarray  # (C, T + 1)
@@ -77,7 +77,7 @@ class Response(NamedTuple):
     pressure: np.ndarray  # (C, T + 1) [force/length^(dim−1)]
     height: np.ndarray  # (C, T + 1)
     rearranged: np.ndarray  # (C, T + 1) bool
-    energies: np.ndarray  # (C, T + 1, 9) [energy/length^dim]
+    energies: np.ndarray  # (C, T + 1, 11) [energy/length^dim]
     busiest: np.ndarray  # (C,)
     strong: np.ndarray  # (C,)
     distance: np.ndarray  # (C + 1, C + 1) rms displacement of grains between the ends of two cycles, over γ₀ D
@@ -226,7 +226,7 @@ def _measure(rig: Rig, state: State, account: PathLedger, rearranged: bool) -> d
 
 
 class SlidingWork:
-    """Work of friction by contact, from the slip between equilibria."""
+    """Work of friction at each contact, computed from the slip between equilibria."""
 
     def __init__(self):
         self.keys, self.values, self.in_strong = [], [], 0.0
@@ -273,7 +273,7 @@ def _distance(one: State, other: State, law: Law) -> float:
 
 
 def tangent_modulus(rig: Rig) -> float:
-    """Modulus dτ/dγ of the sample from its elastic moduli, at constant volume or constant σ_yy; NaN if it has none."""
+    """Return dτ/dγ at constant volume or constant σ_yy from elastic moduli of the sample; NaN if they are unknown."""
     if len(rig.sample.grains.radius) > MODULI_UP_TO:
         return np.nan
     try:
@@ -431,7 +431,7 @@ def largest_modulus(run: CyclicRun) -> float:
 
 
 def period(response: Response) -> int:
-    """Number of cycles after which grains return, in the last cycles; 0 if they do not."""
+    """Return the number of cycles after which grains return, judged at the last cycle; 0 if they do not return."""
     back = response.distance[-1][-2::-1]
     returned = np.flatnonzero(back < RETURNED)
     return int(returned[0]) + 1 if len(returned) else 0

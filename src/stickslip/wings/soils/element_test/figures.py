@@ -253,7 +253,7 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
 
 @styled
 def critical_state(ends: list[_Ends], unit: str):
-    """Path ends of a sweep in the p–q and p–e planes, with critical-state lines.
+    """Ends of the paths of a sweep in the p–q and p–e planes, with critical-state lines.
 
     Unsteady states are shown as open marks. Members that differ only in pressure have the same colour.
     """
@@ -282,7 +282,7 @@ def critical_state(ends: list[_Ends], unit: str):
 def failure_directions(
     probes: list[_Probed], table: _Table, strain: tuple[str, int], first: dict[str, float], names: tuple[str, str]
 ):
-    """Friction angle, and normalised second-order work by direction of strain, along a path.
+    """Friction angle and, by direction of strain, normalised second-order work along a path.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def failure_directions(
     edges = np.concatenate([[at[0] - min([reach, *(middle - at[0])[:1]], key=abs)], middle, [at[-1] + reach]])
     envelope = probes[0].envelope
     turn = 360 / len(envelope.angle)
-    rows = turn * (np.arange(len(envelope.angle) + 2) - 0.5)  # the first direction again at 360°
+    rows = turn * (np.arange(len(envelope.angle) + 2) - 0.5)  # repeats the first direction at 360°
     work = np.ma.masked_invalid(np.array([each.envelope.normalised_work for each in probes]).T)
     work = np.ma.concatenate([work, work[:1]])
     shades = colormaps["RdBu"].with_extremes(bad=BLACK)

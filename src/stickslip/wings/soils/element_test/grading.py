@@ -55,7 +55,7 @@ def from_d10_d50_d60(d10: float, d50: float, d60: float) -> Grading:
 
 @checked
 def diameters(grading: Grading, n: int, dim: int = 3) -> np.ndarray:
-    """Increasing diameters (n,) of grains that follow a curve of passing by mass, without random numbers [length].
+    """Return increasing diameters (n,) that follow a curve of passing by mass, without random numbers [length].
 
     Grain k is the quantile (k + 1/2)/n of the distribution by number, whose density is dP/dD over the mass D^dim.
 

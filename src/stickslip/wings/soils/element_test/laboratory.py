@@ -34,7 +34,7 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
     """Read a laboratory soil test from a table, as columns of `series.csv` in pascals, compression positive.
 
     Columns are recognised by usual names, such as `Axial strain (%)`, `σ1 − σ3 [kPa]`, `εv`, `u`, `e` or `p'`. Units
-    are in brackets, after the name or in a row below, and numbers may have decimal commas, as in
+    may be in brackets, after the name or in a row below, and numbers may have decimal commas, as in
     `friction.read_record`. Strains are assumed to be nominal (change over initial size) unless they are named
     logarithmic, and are converted to logarithmic strains. A warning lists unknown columns and assumptions.
 
@@ -86,7 +86,7 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _check_strains(table: laboratory_table.LaboratoryTable, values: dict[str, np.ndarray]) -> None:
-    """Raise ValueError for strains that no sample can have, such as per cent without a unit."""
+    """Raise ValueError for strains that no sample can have, such as values in per cent without a unit."""
     for name in WANTED.columns[:4]:
         if name in values and not (largest := float(np.abs(values[name]).max())) < 1:
             raise ValueError(
@@ -128,8 +128,8 @@ def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.
         q = out.setdefault("q", difference)
         if np.abs(q - difference).max() > CLOSE * np.abs(q).max():
             raise ValueError(
-                f"{path}: q reaches {_kpa(q)}, but the axial stress minus the cell pressure {_kpa(difference)}: "
-                f"correct the wrong column or unit"
+                f"{path}: q reaches {_kpa(q)}, but the axial stress minus the cell pressure reaches "
+                f"{_kpa(difference)}: correct the wrong column or unit"
             )
     if "cell_pressure" in values and not {"p", "q", "axial_stress", "pore_pressure"} & set(out):
         out["p"] = values["cell_pressure"]
@@ -163,8 +163,8 @@ def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
             out["volumetric_strain"] = -strain
         if not 0.5 < abs(ratio) < 2:
             raise ValueError(
-                f"{path}: the volumetric strain is {abs(ratio):.3g} times that of the void ratio: correct the wrong "
-                f"unit"
+                f"{path}: the volumetric strain is {abs(ratio):.3g} times that implied by the void ratio: correct the "
+                f"wrong unit"
             )
 
 
@@ -198,13 +198,13 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
     kind = scenario.path.kind
     if scenario.sample.dim == 2 or scenario.units != "SI" or kind == "simple-shear":
         what = "disks" if scenario.sample.dim == 2 else "simple shear" if kind == "simple-shear" else "these units"
-        raise ValueError(f"--compare does not apply to {what}: it draws tests of spheres along an axis in SI units")
+        raise ValueError(f"--compare does not apply to {what}: it needs tests of spheres along an axis, in SI units")
     test = read_test(path)
     known = {"sigma_zz" if name == "axial_stress" else name for name in test}
     pairs = [pair for pair in pairs_of(kind) if set(pair) <= known]
     if not pairs:
         wanted = " or ".join(f"{y} with {x}" for x, y in pairs_of(kind))
-        raise ValueError(f"{path} has columns for {', '.join(test)}: a {kind} test shows {wanted}; add columns")
+        raise ValueError(f"{path} has columns for {', '.join(test)}, but a {kind} test shows {wanted}: add columns")
     if kind not in ("isotropic", "oedometric") and len(scenario.path.turns) == 1 and "axial_strain" in test:
         ways = [np.sign(scenario.path.turns[0]), np.sign(test["axial_strain"][np.abs(test["axial_strain"]).argmax()])]
         if ways[0] * ways[1] < 0:
@@ -219,7 +219,7 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
 
 
 def pairs_of(kind: str) -> list[tuple[str, str]]:
-    """Columns along x and y of the panels for a kind of test."""
+    """Return the columns along x and y of each panel for a kind of test."""
     if kind == "isotropic":
         return [("p", "void_ratio"), ("p", "volumetric_strain")]
     if kind == "oedometric":
@@ -232,7 +232,7 @@ def pairs_of(kind: str) -> list[tuple[str, str]]:
 def _compared(
     scenario: ElementTestScenario, name: str, test: dict[str, np.ndarray], pairs: list[tuple[str, str]], tree: dict
 ) -> Comparison:
-    """Figure and sentences for a run, from its archive."""
+    """Return a figure and sentences that compare a run, read from its archive, with a laboratory test."""
     runs = [
         ElementRun(int(seed), None, SmallStrain(**sample["elastic"]), ElementSeries(**sample["series"]), None, "")
         for seed, sample in tree["samples"].items() if seed != "halved"
@@ -263,7 +263,7 @@ def _differences(tables: list[dict], test: dict, pairs: list[tuple[str, str]], u
         )
         reach = min(np.abs(test[x]).max(), *(np.abs(table[x]).max() for table in tables))
         grid = np.linspace(0, 1, 101) * reach * np.sign(test[x][np.abs(test[x]).argmax()])
-        curves = []  # along their first branch
+        curves = []  # the first branch of each curve
         for table in (test, *tables):
             end = int(np.abs(table[x]).argmax()) + 1
             sign = np.sign(table[x][end - 1])

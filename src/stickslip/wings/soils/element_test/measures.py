@@ -23,13 +23,13 @@ BINS = 20  # number of strain bins in which stress ratio and dilatancy are avera
 PARTS = 10  # number of bins in log pressure whose means are used to fit the slope of the void ratio
 FEW = 5  # smallest number of rows for a slope
 HALF = 0.4, 0.6  # range of q, over the strength, in which the tangent at half of the strength is fitted
-MODES = {"tension": True, "shear": False}  # modes of breaking
+MODES = {"tension": True, "shear": False}  # modes in which bonds break; see `Breaks.tension`
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"
 
 
 def face_stress(stress: np.ndarray, kind: str) -> np.ndarray:
-    """Stress on the faces of the cell (T, 3, 3), as in a test machine; p, q and angles follow from it.
+    """Return the stress on the faces of the cell (T, 3, 3), as in a testing machine; p, q and angles follow from it.
 
     Except in simple shear, shear stresses on the faces are ignored, as they scatter about zero.
     """
@@ -56,7 +56,7 @@ def pore_pressure(series: ElementSeries, dim: int, fluid: float | None = None) -
 
 
 def invariants(stress: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean stress p and deviatoric stress q of stresses (T, 3, 3); q is negative in extension, and where −σ_xy is."""
+    """Return p and q of stresses (T, 3, 3); q is negative in extension and where the shear stress −σ_xy is negative."""
     part = 0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim]
     p = np.trace(part, axis1=1, axis2=2) / dim
     deviator = part - p[:, None, None] * np.eye(dim)
@@ -103,7 +103,7 @@ def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
 
 
 class Slope(NamedTuple):
-    """Fall of void ratio with the logarithm of pressure, and half of its 95 % interval."""
+    """Decrease of the void ratio with the logarithm of pressure, and half of its 95 % interval."""
 
     index: float  # −de/d log10 of the pressure
     error: float
@@ -160,7 +160,7 @@ class Leg(NamedTuple):
 
 
 def legs_of(series: ElementSeries, dim: int, kind: str) -> list[Leg]:
-    """Parts of the path between its turns."""
+    """Split a path into legs at its turns."""
     way = np.sign(np.diff(series.load))
     moves = np.flatnonzero(way)
     turns = moves[1:][np.diff(way[moves]) != 0]
@@ -171,7 +171,7 @@ def legs_of(series: ElementSeries, dim: int, kind: str) -> list[Leg]:
 
 
 class LoadedSample:
-    """One sample and its scenario, to which `SERIES` and `SAMPLE` apply."""
+    """One sample and its scenario; `SERIES` and `SAMPLE` are computed from it."""
 
     def __init__(self, run: ElementRun, scenario: ElementTestScenario):
         self.run, self.series, self.scenario = run, run.series, scenario
@@ -213,7 +213,7 @@ class LoadedSample:
 
     @property
     def skempton(self) -> float:
-        """A at the peak, from Δu = B (Δσ₃ + A (Δσ₁ − Δσ₃)) with total principal stresses; NaN unless sheared undrained.
+        """A at the peak, from Δu = B (Δσ₃ + A (Δσ₁ − Δσ₃)) with total principal stresses; NaN unless undrained.
 
         The total lateral stress is constant. It is σ₃ in compression, where A = Δu/(B q), and σ₁ in extension, where
         Δσ₃ is q and A = 1 − Δu/(B q). For an isotropic elastic sample of spheres, A is 1/3 in compression and 2/3 in
@@ -255,7 +255,7 @@ class LoadedSample:
 
     @property
     def psi(self) -> float:
-        """Dilatancy angle at the peak; NaN if it cannot be fitted, or with cement, whose peak is brittle."""
+        """Dilatancy angle at the peak; NaN if it cannot be fitted, or if cement makes the peak brittle."""
         leg = self.first
         length = leg.load[-1] - leg.load[0]
         reach = min(PEAK * abs(length), 0.5 * abs(leg.load[self.top] - leg.load[0]))  # without the elastic start
@@ -283,7 +283,7 @@ class LoadedSample:
 
     @cached_property
     def drifts(self) -> np.ndarray:
-        """Volumetric over imposed strain, and relative changes of q/p and p, in the last third of the last leg."""
+        """Volumetric over imposed strain rate, and relative changes of q/p and p, in the last third of the last leg."""
         leg, rows = self.last, self.late
         out = [leg.slope(leg.strain, rows)[: self.dim].sum()]
         for values in (leg.q / leg.p, leg.p):
@@ -328,8 +328,8 @@ class LoadedSample:
     def indices(self) -> dict[str, Slope]:
         """Slopes of first compression, unloading and reloading; NaN if the path has no such part.
 
-        First compression is loading beyond all previous stresses. Of several parts of a kind, the one with the largest
-        range of the logarithm is used; for first compression, its upper half.
+        First compression is loading beyond all previous stresses. If a kind has several parts, the slope is fitted to
+        the part with the largest range of the logarithm; for first compression, only to its upper half.
         """
         stress, e = self.compression_stress, self.series.void_ratio
         if not self.compressed or not (stress > 0).all():
@@ -358,7 +358,7 @@ class LoadedSample:
 
     @cached_property
     def rowe(self) -> tuple[float, float]:
-        """Angle and correlation of Rowe's relation in triaxial compression.
+        """Friction angle and correlation coefficient of Rowe's relation in triaxial compression.
 
         σ₁/σ₃ = K (1 − dε_v/dε₁), K = (1 + sin φ)/(1 − sin φ).
 
@@ -425,7 +425,7 @@ class LoadedSample:
 
     @property
     def holds(self) -> bool:
-        """False if a sample without confining pressure has lost all bonds before the test."""
+        """False if a sample without confining pressure lost all of its bonds before the test."""
         return bool(self.cement.confining) or int((self.breaks.row == 0).sum()) < len(self.run.end.bonds.i)
 
     def broken(self, row: int | np.ndarray, tension: bool) -> int | np.ndarray:
@@ -489,7 +489,7 @@ SERIES = Quantities([
 
 
 def _cemented(of: Callable[[LoadedSample], float], *, holds: bool = False) -> Callable[[LoadedSample], float]:
-    """Quantity of a cemented sample, or only of one that `holds` together; NaN for others."""
+    """Restrict a quantity to cemented samples or, with `holds`, to those that hold together; it is NaN for others."""
     return lambda t: of(t) if t.cement and (t.holds or not holds) else NAN
 
 

@@ -31,7 +31,7 @@ from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 
 DRAWN = 4  # largest number of envelopes in one figure
-COMPARED = {  # measures compared at half the step (the first available is used): words, digits, unit
+COMPARED = {  # measures compared with a run at half the step; the first available one is used: words, digits, unit
     "phi_peak": ("peak angle", 2, " degrees"), "compression_index": ("compression index", 4, ""),
     "swelling_index": ("swelling index", 4, ""), "strength": ("strength", 1, ""),
 }  # fmt: skip
@@ -43,7 +43,7 @@ def columns(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndar
 
 
 def for_engineers(values, unit: str):
-    """Values and unit for display: stresses in kPa instead of Pa."""
+    """Convert values and their unit for display: stresses are in kPa instead of Pa."""
     return (1e-3 * values, "kPa") if unit == "Pa" else (values, unit)
 
 
@@ -201,7 +201,7 @@ def _missing(result: ElementTestResult) -> list[str]:
 
 
 def _cement(result: ElementTestResult) -> list[str]:
-    """Sentences on broken bonds with their modes, and on samples that did not fail."""
+    """Return sentences on broken bonds and their modes, and on samples that did not fail."""
     cement = result.scenario.cement
     if cement is None:
         return []
@@ -313,7 +313,7 @@ def show(result: ElementTestResult) -> None:
 
 
 PRESSURES, SEED = ("cement.confining", "sample.pressure"), "seed"  # the first of these keys that is swept counts
-STATES = {  # suffixes of the names of stresses, and words
+STATES = {  # suffixes of the names of stresses, and their descriptions
     "peak": "at the peak", "critical": "at the critical state", "end": "over the last third of the path, not steady",
 }  # fmt: skip
 FIGURE, TABLE, LINES = "mohr.png", "mohr.csv", "critical_state.png"
@@ -321,7 +321,7 @@ ROWS = 3  # largest number of groups drawn
 
 
 def with_error(value: float, error: float, unit: str = "") -> str:
-    """Value with two digits of its error, in parentheses before a unit; three digits if there is no error."""
+    """Format a value with two digits of its error in parentheses, and its unit; without error, with three digits."""
     if not error > 0:
         return f"{value:.3g}{unit}".replace("-", "−")
     digits = min(max(0, 1 - int(np.floor(np.log10(error)))), 6)
@@ -330,7 +330,7 @@ def with_error(value: float, error: float, unit: str = "") -> str:
 
 
 class Envelope(NamedTuple):
-    """Envelope τ = c + σ tan φ of Mohr circles, with halves of 95 % intervals (NaN with two circles)."""
+    """Envelope τ = c + σ tan φ of Mohr circles, with half-widths of 95 % intervals (NaN for two circles)."""
 
     phi: float  # [degrees]
     cohesion: float  # in the unit of the stresses
@@ -387,7 +387,7 @@ def _least_squares(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, n
 
 
 class CriticalLine(NamedTuple):
-    """Critical-state line q = M p, e = Γ − λ ln p, with halves of 95 % intervals (NaN with two states)."""
+    """Critical-state line q = M p, e = Γ − λ ln p, with half-widths of 95 % intervals (NaN for two states)."""
 
     ratio: float  # M
     intercept: float  # Γ, void ratio at p = 1
@@ -397,7 +397,7 @@ class CriticalLine(NamedTuple):
     slope_error: float
 
     def describe(self, unit: str = "") -> str:
-        """Both equations, with stresses in a unit."""
+        """Both equations, with stresses in a given unit."""
         values = (
             f"{name} = {with_error(value, error)}" for name, value, error in zip("MΓλ", self[:3], self[3:], strict=True)
         )
@@ -427,7 +427,7 @@ def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> C
     """
     p, q, e = (np.asarray(values, float) for values in (p, q, void_ratio))
     if len(p) < 2 or not np.ptp(p) > 1e-6 * np.abs(p).max():
-        raise ValueError(f"a critical-state line needs states at two mean stresses, but all {len(p)} have the same")
+        raise ValueError(f"a critical-state line needs states at two mean stresses, but all {len(p)} have the same one")
     if not (p > 0).all():
         raise ValueError(f"mean stresses of a critical-state line must be positive, got {p.min():.3g}")
     (intercept, fall), spread = _least_squares(np.column_stack([np.ones(len(p)), np.log(p)]), e)
@@ -439,9 +439,9 @@ def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> C
 
 
 class Circles(NamedTuple):
-    """Mohr circles of members that differ in pressure, and their envelope at one state."""
+    """Mohr circles, at one state, of members that differ in pressure, and the envelope of these circles."""
 
-    group: str  # other swept values
+    group: str  # values of other swept keys
     state: str
     sigma1: np.ndarray  # (K,)
     sigma3: np.ndarray  # (K,)
@@ -452,7 +452,7 @@ class Circles(NamedTuple):
 class Ends(NamedTuple):
     """States over the last third of the path, for members that differ in pressure."""
 
-    group: str  # other swept values
+    group: str  # values of other swept keys
     p: np.ndarray  # (K,)
     q: np.ndarray  # (K,) magnitude
     void_ratio: np.ndarray  # (K,)
@@ -461,7 +461,7 @@ class Ends(NamedTuple):
 
 
 def compare(members: list[SweepMember]) -> Comparison:
-    """Mohr circles of a sweep over pressure, their envelopes, and the critical-state line or uniaxial strengths.
+    """Compare tests at several pressures: Mohr circles, their envelopes, and critical-state line or uniaxial strengths.
 
     The pressure is `sample.pressure` or, with cement, `cement.confining`. Circles are drawn at the peak and, without
     cement, at the critical state. If fewer than two pressures lead to a critical state, circles for the last third of
@@ -480,7 +480,7 @@ def compare(members: list[SweepMember]) -> Comparison:
         for key in members[0].values if key not in without
     }  # fmt: skip
     pressures = len({member.values[pressure] for member in members})
-    keys = [key for key, values in pairs.items() if len(values) > pressures]  # with several values at one pressure
+    keys = [key for key, values in pairs.items() if len(values) > pressures]  # keys with several values at one pressure
     groups: dict[str, list[SweepMember]] = {}
     for member in members:
         values = ((key, member.values[key]) for key in keys)
@@ -548,7 +548,7 @@ def _column(group: list[SweepMember], name: str) -> np.ndarray:
 
 
 def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
-    """Circles of the members that have a state; None if they have fewer than two pressures."""
+    """Return the circles of the members that reached a state; None if these have fewer than two pressures."""
     pairs = np.column_stack([_column(group, f"sigma{k}_{state}") for k in (1, 3)])
     sigma1, sigma3 = pairs[np.isfinite(pairs).all(axis=1)].T
     pressed = _in_compression(sigma1, sigma3)
@@ -559,12 +559,12 @@ def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
 
 
 def _in_compression(sigma1: np.ndarray, sigma3: np.ndarray) -> np.ndarray:
-    """Circles to which the envelope is fitted."""
+    """Return the mask of the circles to which the envelope is fitted."""
     return sigma1 > -sigma3
 
 
 def _ends(name: str, group: list[SweepMember], factor: float) -> Ends:
-    """Path ends of a group, with stresses multiplied by a factor."""
+    """Return the ends of the paths of a group, with stresses multiplied by a factor."""
     p, ratio, e = (_column(group, each) for each in ("p_end", "end_ratio", "e_end"))
     there = np.isfinite(p + ratio + e)
     p, q, e = factor * p[there], (factor * p * ratio)[there], e[there]
@@ -583,7 +583,7 @@ def _table(members: list[SweepMember], remarks: list[str], pressure: str) -> str
     names += ["E", "nu", "UCS", "tensile_strength", "broken_tension", "broken_shear"]
     names = [part for name in names for part in (name, f"{name}_error")]
     units = {name: unit for member in members for name, (_, unit) in member.measures.items()}
-    names = [name for name in names if name in units]  # members of earlier versions lack some
+    names = [name for name in names if name in units]  # members computed by earlier versions lack some
     keys = list(members[0].values)
     stress = units["sigma1_peak"]
     headings = [heading_of(key, stress) if key == pressure else key for key in keys]

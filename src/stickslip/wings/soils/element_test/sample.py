@@ -1,8 +1,8 @@
 """Samples of element tests: imposed strains and stresses of the cell, cement, and directions in which they can fail.
 
 The axial direction is the last, y for disks and z for spheres. Compression is positive in strains and stresses. Cement
-is made of bonds. Most signs of failure assume that contacts at the Coulomb limit keep sliding. Second-order work
-follows each direction by finite steps instead, and uniqueness concerns all statuses of these contacts.
+is made of bonds. Most signs of failure assume that contacts at the Coulomb limit keep sliding. Second-order work is
+instead found by finite steps in each direction, and uniqueness concerns all statuses of these contacts.
 
 Source
 ------
@@ -54,11 +54,11 @@ class Drive(NamedTuple):
 
     gradient: np.ndarray  # (3, 3) displacement gradient per unit of the driven strain; zero if the load is a pressure
     free: tuple[int, ...]  # axes along which the normal stress is controlled
-    sealed: np.ndarray | None = None  # (K, 3) normal strains that hold the total stress of a cell with a fluid
+    sealed: np.ndarray | None = None  # (K, 3) normal strains that keep the total stress of a cell with a fluid
 
 
 def drive_of(loading: Loading, dim: int) -> Drive:
-    """Control of the cell along a path in `dim` dimensions."""
+    """Return the control of the cell along a path in `dim` dimensions."""
     gradient, axial = np.zeros((3, 3)), dim - 1
     lateral = tuple(range(axial))
     if loading.kind == "isotropic":
@@ -134,7 +134,7 @@ def check_pressures(
 
 
 def make_sample(sample: ElementSample, law: Law, seed: int, report: Report) -> tuple[State, PackingInfo]:
-    """Isotropic sample, compressed with the friction that controls its density, then settled under its law."""
+    """Compress an isotropic sample with the friction that controls its density, then settle it under its law."""
     friction = sample.friction
     slippery = law if friction is None else with_values(law, mu=friction)
     state, _ = compressed(
@@ -179,17 +179,17 @@ NO_BREAKS = Breaks(*np.zeros((3, 0), int), np.zeros(0, bool), np.zeros(0), np.ze
 
 
 def join(parts: list[Breaks]) -> Breaks:
-    """Join several catalogues."""
+    """Join several catalogues of broken bonds."""
     return Breaks(*map(np.concatenate, zip(NO_BREAKS, *parts, strict=True)))
 
 
 def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int) -> State:
-    """State with bonded grains; the stiffness per area along a bond is E/(R_i + R_j), with E of the cement.
+    """Bond the grains of a state; the stiffness per area along a bond is E/(R_i + R_j), with modulus E of the cement.
 
     Parameters
     ----------
     contact_modulus : modulus relative to which `cement.modulus` is stated [force/length^(dim−1)]
-    seed : seed of the scatter of the strengths
+    seed : seed for the scatter of strengths
     """
     radius = state.grains.radius
     bond = parallel_bond(
@@ -210,7 +210,7 @@ def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int)
 def unloaded(
     state: State, law: Law, pressures: tuple[float, float], mass: float, scales: Scales, tolerance: float
 ) -> Cemented:
-    """Cemented sample after small steps of isotropic pressure from the first to the second value.
+    """Change the isotropic pressure of a cemented sample in small steps from the first to the second value.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def has_failed(stress: np.ndarray, cement: Cement, dim: int) -> bool:
     return bool(len(lead) and lead[-1] < cement.until * lead.max())
 
 
-SPECTRA_UP_TO = 6000  # largest number of coordinates for eigenvalues, which take about a minute
+SPECTRA_UP_TO = 6000  # largest number of coordinates for which eigenvalues are computed, in about a minute
 SIGNS = {
     "complex pair, fixed strain": "an oscillation grows while the cell is held",
     "complex pair, fixed stress": "an oscillation grows while all stresses are held",
@@ -265,12 +265,12 @@ class ProbedState(NamedTuple):
     band: Localisation | None  # weakest plane; None without an envelope
     unique: str  # name of the verdict on the uniqueness of the contact status under all stresses
     pair: np.ndarray  # (2,) growth rate of the fastest complex pair at fixed strain and stress; NaN: unknown [1/time]
-    real: np.ndarray  # (2,) the same for real eigenvalues [1/time]
+    real: np.ndarray  # (2,) growth rate of the fastest motion without oscillation, likewise [1/time]
     reason: str = ""  # reason for a missing envelope
 
     @property
     def signs(self) -> dict[str, bool]:
-        """Presence of each of `SIGNS`."""
+        """For each of `SIGNS`, True if the state shows it."""
         if self.envelope is None or self.band is None:
             return dict.fromkeys(SIGNS, False)
         verdict = UniquenessVerdict[self.unique]
@@ -283,7 +283,7 @@ class ProbedState(NamedTuple):
 
     @property
     def failing(self) -> float:
-        """Angle of the weakest direction or, if no work is negative, of the first without equilibrium [rad]."""
+        """Angle of the weakest direction or, if no work is negative, of the first one without equilibrium [rad]."""
         if self.envelope is None or self.signs["negative work"] or not self.envelope.collapsed.any():
             return self.weakest
         return float(self.envelope.angle[self.envelope.collapsed][0])
@@ -306,7 +306,7 @@ def plane_of(path: Loading, dim: int) -> tuple[np.ndarray, tuple[str, str]]:
 
 
 def probe(state: State, law: Law, load: float, plane: np.ndarray, directions: int) -> ProbedState:
-    """Probe an equilibrium with a held cell in all directions of a plane of strains."""
+    """Probe an equilibrium, whose cell is held, in all directions within a plane of strains."""
     sigma, unknown = stress(state, law), np.full(2, np.nan)
     try:
         envelope = response_envelope(state, law, directions=directions, plane=plane)
@@ -324,7 +324,7 @@ def probe(state: State, law: Law, load: float, plane: np.ndarray, directions: in
 
 
 def without_answer(load: float, sigma: np.ndarray, reason: str) -> ProbedState:
-    """State that has no equilibrium, or whose equilibrium cannot be probed."""
+    """Return the result for a state that has no equilibrium, or whose equilibrium cannot be probed."""
     return ProbedState(load, sigma, None, None, "UNDECIDED", np.full(2, np.nan), np.full(2, np.nan), reason)
 
 
@@ -338,7 +338,7 @@ def _uniqueness(loose: State, law: Law) -> str:
 
 
 def first_seen(probes: tuple[ProbedState, ...]) -> dict[str, ProbedState | None]:
-    """First state of a path that shows each sign."""
+    """Return, for each sign, the first state of a path that shows it."""
     return {sign: next((state for state in probes if state.signs[sign]), None) for sign in SIGNS}
 
 

@@ -102,8 +102,8 @@ class SieveTable(ScenarioTable):
     def _check_table(self):
         if len(self.sizes) != len(self.passing):
             raise ValueError(
-                f"grading.sizes has {len(self.sizes)} entries and grading.passing {len(self.passing)}: give equally "
-                f"many"
+                f"grading.sizes has {len(self.sizes)} entries, but grading.passing has {len(self.passing)}: give the "
+                f"same number"
             )
         if list(self.sizes) != sorted(set(self.sizes)) or list(self.passing) != sorted(set(self.passing)):
             raise ValueError("grading.sizes and grading.passing must increase from each entry to the next: sort them")
@@ -148,7 +148,7 @@ class ElementSample(ScenarioTable):
         if off > MISFIT:
             raise ValueError(
                 f"sample.grains = {self.grains} is too few, as the grading would be off by {off:.0%} of the mass: use "
-                f"at least {grains_needed(curve, self.dim)} grains, or fewer sizes"
+                f"at least {grains_needed(curve, self.dim)} grains, or a narrower grading"
             )
         return self
 
@@ -169,7 +169,7 @@ class ElementSample(ScenarioTable):
 
     @property
     def width(self) -> float:
-        """Width of the cell, before the sample is made [length]."""
+        """Width of the cell, estimated before the sample is made [length]."""
         solid = (pi / 4 * self.diameters**2 if self.dim == 2 else pi / 6 * self.diameters**3).sum()
         return float(solid / DENSITY[self.dim]) ** (1 / self.dim)
 
@@ -396,7 +396,7 @@ class ElementTestScenario(SampleScenario):
 
     @property
     def contact_modulus(self) -> float | None:
-        """Young's modulus of the grains, kn/D50^(dim−2) of linear springs; None for other laws [force/length^(dim−1)].
+        """Young's modulus of grains, or kn/D50^(dim−2) of linear springs; None for other laws [force/length^(dim−1)].
 
         For disks it is a force per length, E D50.
         """
@@ -412,7 +412,7 @@ class ElementTestScenario(SampleScenario):
 
     @property
     def stress_scale(self) -> float:
-        """Stress of the order of those along the path, the unit of tolerances [force/length^(dim−1)]."""
+        """Typical stress along the path, to which tolerances refer [force/length^(dim−1)]."""
         cement, pressure = self.cement, self.sample.pressure
         if cement is None:
             return pressure
@@ -516,7 +516,7 @@ class ElementTestScenario(SampleScenario):
         if (self.path.fluid_modulus or 0.0) > most:
             raise ValueError(
                 f"path.fluid_modulus must be at most {STIFFEST:g} sample.pressure = {most:g}, beyond which round-off "
-                f"of the volume counts, got {self.path.fluid_modulus:g}: leave it out for an incompressible fluid"
+                f"of the volume matters, got {self.path.fluid_modulus:g}: leave it out for an incompressible fluid"
             )
         return self
 
@@ -542,12 +542,12 @@ class ElementTestScenario(SampleScenario):
         if most > longest:
             raise ValueError(
                 f"at path.strain = {most:g}, the cell of {sample.grains} grains would become narrower than "
-                f"{NARROWEST:g} of the largest ones: use at most {max(longest, 0):.2g}, or more grains"
+                f"{NARROWEST:g} times the largest diameter: use at most {max(longest, 0):.2g}, or more grains"
             )
         return self
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over the steps of the path."""
+        """Yield the number of steps of the path."""
         isotropic = self.path.kind == "isotropic"
         turns = tuple(log(p) / LOG_STEP for p in self.path.turns) if isotropic else (0.0, *self.path.turns)
         length = sum(abs(b - a) for a, b in pairwise(turns))

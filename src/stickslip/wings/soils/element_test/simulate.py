@@ -78,10 +78,10 @@ from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
 FOLLOWED = 1e-6  # largest deviation of a stress coupled to another stress, over the pressure
 SEALED = 1e-7  # largest deviation of the total stress (grains and pore fluid), over that of the cell
-FOLLOWS = 30  # largest number of corrections of such stresses per step
+FOLLOWS = 30  # largest number of corrections of these stresses per step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
 GAINS = 0.5, 0.2  # proportional and integral gain per block in the control of a total stress
-LAG = 0.01  # change of that stress per block, over the pressure, for a sample that does not yield
+LAG = 0.01  # change of the total stress per block, over the pressure, for a sample that does not yield
 PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate of other paths
 MODULI_UP_TO = 5000  # largest number of grains for which elastic moduli are computed
 FURTHER, FURTHER_BY = 10, 0.1  # steps after damped dynamics, and their strain over (mean overlap)/(diameter)
@@ -126,7 +126,7 @@ class ElementRun(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Part of a path after the previous piece, and the state needed to continue."""
+    """Part of a path since the previous saved piece, and the state from which it continues."""
 
     rows: dict[str, np.ndarray]
     state: State
@@ -134,7 +134,7 @@ class Piece(NamedTuple):
 
 
 Steps = Iterator[tuple[State, float, bool]]  # state, load, and True if dynamics was needed
-SAVED = (  # classes in saved results
+SAVED = (  # classes of saved results
     ElementRun, PackingInfo, SmallStrain, Piece, ProbedState, Envelope, Localisation, Breaks, Cemented,
 )  # fmt: skip
 
@@ -248,7 +248,7 @@ def _place(kept: Checkpoint | None, seed: int, half: bool) -> Checkpoint | None:
 def load_sample(
     scenario: ElementTestScenario, seed: int, half: bool, kept: Checkpoint | None, report: Report
 ) -> ElementRun:
-    """Make one sample and load it; `half`: with half the step or rate."""
+    """Make one sample and load it, with half the step or rate if `half` is set."""
     law = make_law(scenario.law)
     engine = find_engine(scenario)
     kept = kept and kept.if_visible()
@@ -278,7 +278,7 @@ def _cement(scenario: ElementTestScenario, state: State, law: Law, seed: int, to
 
 
 def find_engine(scenario: ElementTestScenario) -> Engine | None:
-    """Return the engine of a scenario; None for `run`."""
+    """Return the engine of a scenario; None for the default engine of `run`."""
     return lammps_engine(scenario.ranks) if scenario.engine == "lammps" else None
 
 
@@ -310,14 +310,14 @@ def loads_of(scenario: ElementTestScenario) -> np.ndarray:
 
 
 def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
-    """Indices of the loads before the first turn that are nearest to the strains to probe."""
+    """Return the indices of the loads, before the first turn, that are nearest to the strains to probe."""
     loads = np.abs(loads_of(scenario))
     first = loads[: int(np.argmin(np.append(np.diff(loads), -1.0) > 0)) + 1]
     return frozenset(int(np.abs(first - abs(strain)).argmin()) for strain in scenario.probed_strains)
 
 
 def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
-    """Series along the path, last state, reason for an early end, probed states, and broken bonds."""
+    """Return the series along the path, last state, reason for an early end, probed states, and broken bonds."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
         pieces.append(kept.load(f"{len(pieces):06d}", Piece))
@@ -403,7 +403,7 @@ def _probe(rig: Rig, state: State, load: float, rearranged: bool) -> ProbedState
 
 
 def _hold_cell(state: State) -> State:
-    """State with a cell that does not follow the stress."""
+    """Return the state with a cell that is held and does not follow the stress."""
     nothing = np.zeros((3, 3))
     return state._replace(
         control=state.control._replace(cell_free=nothing.astype(bool), cell_rate=nothing, stress=nothing)
@@ -411,7 +411,7 @@ def _hold_cell(state: State) -> State:
 
 
 def _load_further(rig: Rig, state: State, scales: Scales) -> State:
-    """State after small further steps from rest, the last `FURTHER` of them without dynamics if possible."""
+    """Load a state at rest further by small steps, the last `FURTHER` of them without dynamics if possible."""
     overlap = overlaps(state)[touching(state)].mean() / (2 * state.grains.radius.mean())
     step, keep, calm = np.sign(rig.scenario.path.turns[0]) * FURTHER_BY * overlap / FURTHER, Factorisation(), 0
     state = controlled(state, rig.drive, np.diag(stress(state, rig.law)))
@@ -427,7 +427,7 @@ def quasi_static(
     rig: Rig, state: State, loads: np.ndarray, done: int,
     *, broke: Callable[[State, State], None] = lambda before, after: None,
 ) -> Steps:  # fmt: skip
-    """Equilibria at the loads from number `done`: state, load, and True if dynamics was needed; see `settle`."""
+    """Yield equilibria at the loads from number `done`: state, load, and True if dynamics was needed; see `settle`."""
     path = rig.scenario.path
     scales, wanted = rig.scales(rig.scenario.stress_scale), np.full(3, rig.scenario.confining)
     if done and depends_on_stress(path):
@@ -446,7 +446,7 @@ def quasi_static(
 
 
 def _seal(rig: Rig, state: State, total: float, scales: Scales) -> tuple[State, bool]:
-    """Equilibrium whose stress plus pore pressure equals the total stress of the cell, and True if dynamics was needed.
+    """Find the equilibrium whose stress plus pore pressure equals the total stress; return True if dynamics was needed.
 
     Strains are corrected by Broyden's method.
     """
@@ -465,13 +465,13 @@ def _seal(rig: Rig, state: State, total: float, scales: Scales) -> tuple[State, 
 
 
 def _strained(state: State, drive: Drive, step: float) -> State:
-    """State after an affine increment of the driven strain."""
+    """Return the state after an affine increment of the driven strain."""
     gradient = drive.gradient * step
     return strained(state, gradient if gradient[0, 1] else np.diag(np.expm1(np.diag(gradient))))
 
 
 def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -> tuple[State, np.ndarray, bool]:
-    """Equilibrium under the prescribed stresses, these stresses, and True if dynamics was needed.
+    """Find the equilibrium under the prescribed stresses; return it, these stresses, and True if dynamics was needed.
 
     Cemented samples begin each step without a stored factorisation, so a resumed run is bitwise identical.
     """
@@ -497,7 +497,7 @@ def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -
 
 
 def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
-    """States at the loads from number `done` of a test at a finite rate."""
+    """Yield the states of a test at a finite rate, at the loads from number `done`."""
     scenario = rig.scenario
     path, rate, p = scenario.path, scenario.rate, scenario.sample.pressure
     isotropic = path.kind == "isotropic"
@@ -530,7 +530,7 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
 
 
 def _follow_total(rig: Rig, scales: Scales, pressure: float, state: State, time: float) -> Callable:
-    """Proportional and integral control of the total stress, in blocks of a given time.
+    """Return a proportional-integral controller of the total stress, which acts in blocks of a given time.
 
     The returned function maps the state, the total stress of the cell, and the length of the next block (relative to a
     whole block) to a velocity gradient (3, 3). In a resumed run, the integral begins with the current rate.
@@ -550,7 +550,7 @@ def _follow_total(rig: Rig, scales: Scales, pressure: float, state: State, time:
 
 
 def _advance(rig: Rig, state: State, steps: int, scales: Scales) -> State:
-    """State after some time steps of the scenario's engine."""
+    """Return the state after some time steps of the scenario's engine."""
     state, _, outcome = run(state, rig.law, steps, scales.dt, drag=SETTLING_DRAG / scales.time, engine=rig.engine)
     if not outcome.ok:
         raise RuntimeError(f"the run ended: {outcome}")

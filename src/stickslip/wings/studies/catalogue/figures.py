@@ -50,11 +50,11 @@ BEFORE = r"strain before the event $\gamma_c - \gamma$"
 
 @styled
 def eigenvalue_before_events(events: _Table):
-    """Squared smallest eigenvalue before saddle nodes, and smallest eigenvalue before a contact starts to slide.
+    """Square of the smallest eigenvalue λ before saddle nodes, and λ before a contact starts to slide.
 
     Distances are strains before the event. Eigenvalues are divided by those at the largest distance. At a saddle node,
-    λ² falls in proportion to the distance. Before a contact starts to slide, λ stays constant; with this contact set to
-    slide, it is negative (points at the right).
+    λ² decreases in proportion to the distance. Before a contact starts to slide, λ stays constant; if this contact is
+    set to slide, λ is negative (points at the right).
     """
     figure, (top, bottom) = column_axes(2, 4.4)
     distance, ratio, _ = _ratios(events, "saddle_node")
@@ -93,7 +93,7 @@ def eigenvalue_before_events(events: _Table):
 
 
 def _ratios(events, kind: str):
-    """Distances, relative λ, and relative λ with the contact set to slide, for one class of events."""
+    """Return distances, relative λ, and relative λ with the contact set to slide, for one class of events."""
     rows = events["kind"] == kind
     distance, softest = events["distances"][rows], events["softest"][rows]
     far = softest[:, :1] if softest.shape[1] else np.full((len(softest), 1), np.nan)

@@ -9,7 +9,7 @@ from ....kit import Packing, PackingLaw, Positive, ScenarioBase, ScenarioTable, 
 
 
 class EventShear(ScenarioTable):
-    """Quasi-static simple shear along x with gradient y, and the search for discontinuities."""
+    """Quasi-static simple shear along x with the gradient along y, and the search for discontinuities."""
 
     drag: Positive = Field(
         description=(
@@ -35,8 +35,8 @@ class EventShear(ScenarioTable):
             raise ValueError(f"shear.step must be at most the largest strain, {self.strain:g}, got {self.step:g}")
         if self.window < self.step * (1 - 1e-9):
             raise ValueError(
-                f"shear.window must be at least shear.step = {self.step:g}, or events between steps are missed, got "
-                f"{self.window:g}"
+                f"shear.window must be at least shear.step = {self.step:g}, or events between steps would be missed, "
+                f"got {self.window:g}"
             )
         return self
 
@@ -57,12 +57,12 @@ class CatalogueScenario(ScenarioBase):
     shear: EventShear
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over the strain steps of a packing."""
+        """Yield the number of strain steps of a packing."""
         steps = self.shear.strain / self.shear.step
         yield Size("the shear of a packing takes", steps, "load steps", "use a larger shear.step")
 
     @model_validator(mode="before")
     @classmethod
     def _name_missing_drag(cls, tables):
-        """Report that shear.drag is missing if the table [shear] is."""
+        """Add an empty table [shear] if it is missing, so that the error message names shear.drag."""
         return {"shear": {}} | tables if isinstance(tables, dict) else tables

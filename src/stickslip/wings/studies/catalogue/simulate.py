@@ -1,9 +1,9 @@
-"""Simulation of an event catalogue, its tables, the skill of quantities that may announce an event, files and summary.
+"""Simulation of an event catalogue: tables, skill of quantities that may announce an event, output files and summary.
 
-Packings are sheared one after another until enough events are found. Tables are dictionaries of columns, and CSV files
-with units in the header. Every table has the column `sample`, the seed of the packing. Columns with several values per
-event, such as the eigenvalue at several distances, are two-dimensional arrays; in a file they are spread over numbered
-columns. Skill is measured by receiver operating characteristics with intervals.
+Packings are sheared one after another until enough events are found. Tables are dictionaries of columns; in CSV files,
+the header contains the units. Every table has the column `sample`, the seed of the packing. Columns with several values
+per event, such as the eigenvalue at several distances, are two-dimensional arrays; in a file they are spread over
+numbered columns. Skill is measured by receiver operating characteristics with intervals.
 """
 
 import re
@@ -84,7 +84,7 @@ def simulate_catalogue(
 ) -> CatalogueResult:
     """Shear at most `packings` packings, with the seeds seed, seed + 1, …, until `events` events are found.
 
-    Packings are sheared in batches of as many as can run simultaneously. Packings after the one that completes the
+    Each batch contains as many packings as can be sheared simultaneously. Packings after the one that completes the
     number of events are excluded, so that the result does not depend on the number of workers.
 
     Parameters
@@ -120,7 +120,7 @@ def simulate_catalogue(
         results += batch.results
         sentences += batch.sentences
     totals = accumulate(0 if sample is None else len(sample.found.events) for sample in results)
-    used = 1 + sum(total < scenario.events for total in totals)  # packings up to the one that completes the number
+    used = 1 + sum(total < scenario.events for total in totals)  # number of packings up to the last one needed
     samples = tuple(sample for sample in results[:used] if sample is not None)
     failures = tuple(failure for failure in sentences[:used] if failure)
     if not samples:
@@ -274,7 +274,7 @@ def rows_of(table: Table, rows) -> Table:
     return {name: values[rows] for name, values in table.items()}
 
 
-# columns of the steps: 1 if large values announce an event, −1 if small values do, and words
+# columns of the steps: 1 if large values announce an event, −1 if small values do; and a description
 PREDICTORS = {
     "softest": (-1, "smallest real eigenvalue"),
     "nonaffine_rate": (1, "|dq/dγ| of the non-affine motion"),
@@ -291,11 +291,11 @@ GRID = np.linspace(0, 1, 101)  # fractions of false alarms at which bands are co
 
 @readable(head=lambda r: f"area {r.area:.3f}")
 class Roc(NamedTuple):
-    """Receiver operating characteristic: announced steps as the threshold falls.
+    """Receiver operating characteristic: fractions of announced steps as the threshold decreases.
 
     Each point is the fraction of announced steps among those followed by an event (`hits`) and among all others
-    (`false_alarms`). The area is the probability that a random step of the first kind has a larger score than one of
-    the second kind; ties count one half.
+    (`false_alarms`). The area is the probability that a random step followed by an event has a larger score than a
+    random other step; ties count one half.
     """
 
     false_alarms: np.ndarray  # (T,) from 0 to 1
@@ -355,8 +355,8 @@ class Skill(NamedTuple):
     low: float  # interval of the area; NaN with fewer than two packings
     high: float
     band: np.ndarray  # (2, 101) interval of the hits at fractions of false alarms 0, 0.01, …, 1
-    steps: int  # steps with a value
-    followed: int  # steps followed by an event within the window
+    steps: int  # number of steps with a value
+    followed: int  # number of steps followed by an event within the window
     packings: int
 
 
@@ -445,7 +445,7 @@ def _share(kind: str) -> Quantity:
 
 
 class Catalogue:
-    """Events of a run and their number, to which `MEASURES` apply."""
+    """Events of a run and their number, from which `MEASURES` are computed."""
 
     def __init__(self, result: CatalogueResult):
         self.result, self.number, self.events = result, result.number, event_table(result.samples)

@@ -45,7 +45,7 @@ from .scenario import FailureScenario
 
 
 class Packed(NamedTuple):
-    """A packing with its law, as read."""
+    """A packing and its law, as read from a file."""
 
     state: State
     law: Law
@@ -145,7 +145,7 @@ RECORD = (
 
 
 def _of_rows(*columns: tuple[str, str]) -> Quantities:
-    """Return a table for rows of tuples, from the name and meaning of each entry."""
+    """Return the quantities of a table whose rows are tuples, given the name and meaning of each entry."""
     return Quantities([Quantity(name, "1", meaning, itemgetter(k)) for k, (name, meaning) in enumerate(columns)])
 
 
@@ -329,7 +329,7 @@ def _decisive_head() -> tuple[str, ...]:
 
 
 def show(result: FailureResult) -> None:
-    """Print the outcome of the packing."""
+    """Print the outcome for the packing."""
     found = result.found
     for line in sentences(result):
         console.print(line)

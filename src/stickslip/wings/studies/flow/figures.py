@@ -108,7 +108,7 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
 
 
 def _fill_rows(widths: np.ndarray, room: float) -> list[list[int]]:
-    """Numbers of the panels of each row, as many as there is room for."""
+    """Distribute panels over rows of a given width; return the numbers of the panels in each row."""
     rows: list[list[int]] = [[]]
     for k, width in enumerate(widths):
         if rows[-1] and widths[rows[-1]].sum() + width > room:
@@ -126,7 +126,7 @@ def _length_unit(result, state) -> str:
 def _select_frames(result) -> list:
     """Frames at nearly equal intervals, including the first and the last.
 
-    Of several stages, only the last is shown.
+    If there are several stages, only frames of the last one are shown.
     """
     start = result.stages[-1].start if len(result.stages) > 1 else -np.inf
     frames = [state for state in result.frames if state.time >= start * (1 - 1e-9)] or list(result.frames)

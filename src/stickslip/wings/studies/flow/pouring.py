@@ -1,6 +1,6 @@
 """Initial state of a flow (grains on a loose lattice between walls and plates), and the stages that follow.
 
-Stages move walls and plates and set gravity and drag; engines and LAMMPS run them as legs.
+Stages move walls and plates and set gravity and drag; an engine, for example LAMMPS, runs each stage as a leg.
 """
 
 from collections.abc import Iterator
@@ -35,8 +35,8 @@ from ...lammps.run import lammps_engine, leg_folder, read_leg, walls_at, with_re
 from ...lammps.supported import check_leg
 from .scenario import AXES, FlowScenario, Plate, Shaking, Stage, force_axis
 
-SAFETY = 0.1  # in √(m/k): 1/20 of a collision's duration π √(m/2k), and 1/6 of the stability limit with six contacts
-LIMIT = 0.58  # in √(m/k): the stability limit 2/√12 with six neighbours at rest and contacts of stiffness k
+SAFETY = 0.1  # dt in √(m/k): 1/20 of a collision's duration π √(m/2k), and 1/6 of the stability limit with six contacts
+LIMIT = 0.58  # dt in √(m/k): the stability limit 2/√12 with six neighbours at rest and contacts of stiffness k
 JITTER = 0.9  # fraction of the free space around each grain on the lattice
 
 
@@ -305,7 +305,7 @@ def lammps_of(scenario: FlowScenario, start: Poured, folder: Path | None) -> Eng
 def export(scenario: FlowScenario, folder: Path) -> list[Path]:
     """Write a folder that LAMMPS can run without this package; `stickslip resume` then reads the result from it.
 
-    A stage with `until = "rest"` lasts its whole duration there.
+    In LAMMPS, a stage with `until = "rest"` lasts its whole duration.
 
     Raises
     ------
@@ -355,7 +355,7 @@ class StageConditions(NamedTuple):
 
 
 def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
-    """Return the conditions of the last stage that has started, or the initial ones, given all start times so far."""
+    """Return the conditions of the last stage in `begins`, the start times so far; if empty, the initial conditions."""
     bodies = {body.name: body for body in (*scenario.walls, *scenario.plates)}
     motion: dict[str, dict] = {}  # bodies are fixed along other axes
     for name, body in bodies.items():

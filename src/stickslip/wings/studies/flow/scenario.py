@@ -110,7 +110,7 @@ class Pour(ScenarioTable):
         if (self.density is None) == (self.mass is None):
             raise ValueError("give exactly one of grains.density and grains.mass")
         if isinstance(self.radius, tuple) and len(self.radius) > self.number:
-            raise ValueError(f"grains.radius has {len(self.radius)} sizes for {self.number} grains: give fewer")
+            raise ValueError(f"grains.radius has {len(self.radius)} sizes for {self.number} grains: give fewer sizes")
         for name in ("low", "high"):
             _check_components(f"grains.{name}", getattr(self, name), self.dim)
         for axis, a, b in zip(AXES, self.low, self.high, strict=False):
@@ -221,7 +221,7 @@ class FlowScenario(ScenarioBase):
         return sum(stage.duration for stage in self.stages)
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over time steps, memory of saved states, and periods of shaking."""
+        """Yield the numbers of time steps and of periods of shaking, and the memory of saved states."""
         if self.dt is not None:
             yield Size("the stages take", self.duration / self.dt, "time steps", "use shorter stages or a longer dt")
         frames = self.frames + len(self.stages) + 1
@@ -342,7 +342,7 @@ def _check_control(body: FlatWall | Plate, velocity: Motion, where: str) -> None
     axis = force_axis(body)
     if axis is None:
         raise ValueError(
-            f"wall {body.name!r} has a force{where} but an inclined normal: a force needs one along an axis"
+            f"wall {body.name!r} has a force{where} but an inclined normal: a force needs a normal along an axis"
         )
     if isinstance(body, FlatWall) and body.mass is None:
         raise ValueError(f"wall {body.name!r} has a force{where} but no mass: give its mass")

@@ -1,4 +1,4 @@
-"""Simulation of a flow: stages run in chunks between samples, with progress reports; measures, files and summary.
+"""Simulation of a flow in stages, which run in chunks between samples; also measures, output files and summary.
 
 Measures are those of the deposit, the velocity profile, and the friction of plane shear.
 """
@@ -58,7 +58,7 @@ from .scenario import FlowScenario
 
 BINS = 24  # number of bins of the profile along y
 SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
-ENCLOSED = 0.99  # fraction of the grains below `high`, and of those above `low`
+ENCLOSED = 0.99  # fraction of the grains below `high`, and fraction above `low`
 
 
 @readable
@@ -108,7 +108,7 @@ class FlowResult(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Part of a run after the previous piece, and the state needed to continue."""
+    """Part of a run since the previous saved piece, and the state from which it continues."""
 
     stage: int
     begin: float  # start of the stage [time]
@@ -276,7 +276,7 @@ def _describe_row(row: dict) -> str:
 
 
 def simulate_on_workers(scenario: FlowScenario, *, workers: int | None = None, **options) -> FlowResult:
-    """Run a scenario, with the signature of all experiments; `workers` is the number of threads of the single run."""
+    """Run a scenario; the signature is that of all experiments, and `workers` is the number of threads of the run."""
     return simulate_flow(scenario, threads=workers, **options)
 
 
@@ -496,7 +496,7 @@ def show(result: FlowResult) -> None:
 
 
 class Flow(NamedTuple):
-    """Result of a flow, its final deposit and its plane shear, to which `MEASURES` apply."""
+    """Result of a flow, its final deposit and its plane shear, from which `MEASURES` are computed."""
 
     series: FlowSeries
     deposit: Deposit

@@ -1,4 +1,4 @@
-"""Static and kinetic friction of a sample: the loads above which kicks make it slide, and at which it stops again."""
+"""Static and kinetic friction of a sample: the load above which kicks make it slide, and that at which it stops."""
 
 from functools import partial
 

@@ -98,7 +98,7 @@ Sample = Annotated[ArraySample | PackingSample | GougeSample, Field(discriminato
 
 
 class Raise(ScenarioTable):
-    """Quasi-static path with a load that rises from zero until the sample slides, at its static strength."""
+    """Quasi-static path on which the load rises from zero until the sample slides; this load is its static strength."""
 
     loads: Annotated[tuple[NotNegative, ...], Listed, _list_of_numbers("load.loads", "[0.03, 0.04]")] = Field(
         (0.03, 0.04, 0.0425, 0.045, 0.0475, 0.05, 0.055, 0.06, 0.083),
@@ -116,7 +116,7 @@ class Raise(ScenarioTable):
 
 
 class Kicks(ScenarioTable):
-    """Runs that start from the equilibria with random velocities, and lowering of the load on sliding samples."""
+    """Runs that start from equilibria with random velocities; the load on samples that slide is then lowered."""
 
     velocities: Annotated[tuple[NotNegative, ...], Listed, _list_of_numbers("kicks.velocities", "[1e-13, 1e-4]")] = (
         Field((1e-13, 1e-4), min_length=1, description="root mean square of the initial velocities [length/time]")
@@ -169,7 +169,7 @@ class ThresholdScenario(ScenarioBase):
     kicks: Kicks = Kicks()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over load steps, runs, and time steps per run."""
+        """Yield the numbers of load steps, runs, and time steps per run."""
         load, kicks = self.load, self.kicks
         runs = len(load.loads) * len(kicks.velocities) * kicks.realizations
         yield Size("load takes", load.loads[-1] / load.step, "load steps", "use a larger load.step")

@@ -1,4 +1,4 @@
-"""Static and kinetic friction of a sample: raise the load, kick the sample, lower the load; files and summary."""
+"""Static and kinetic friction of a sample: raise the load, kick the sample, lower the load, and write the results."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -120,9 +120,9 @@ def _check_kicks(scenario: ThresholdScenario, state: State, law: Law) -> None:
 def raise_load(
     state: State, loads, protocol: Protocol, distance: float, kept: Checkpoint | None, report: Report
 ) -> tuple[list[Equilibrium], float]:
-    """Equilibria along rising loads until the sample slides, and the load at which it slides (NaN if never).
+    """Find equilibria along rising loads until the sample slides; return them and the load at which it slides, or NaN.
 
-    The sample slides if there is no equilibrium, or only one farther away than a given distance.
+    The sample slides if there is no equilibrium, or only one that is farther away than `distance`.
     """
     path: list[Equilibrium] = []
     for k, load in enumerate(loads):
@@ -164,7 +164,7 @@ def simulate_threshold(
     ScenarioError
         If the sample slides spontaneously below the smallest load of the kicks, or if its runs would be unstable.
     RuntimeError
-        If a run blows up.
+        If a run becomes numerically unstable.
 
     Examples
     --------
@@ -273,7 +273,7 @@ def numbers(result: ThresholdResult) -> dict:
 
 
 def show(result: ThresholdResult) -> None:
-    """Print a summary of a run on the terminal."""
+    """Print a summary of a run in the terminal."""
     table = Quantities([*KICKED.values(), Quantity("pairs", "1", "complex pairs at this load")])
     names = ("load", "pairs", "velocity", "runs", "slid", "lasting", "median lifetime")
     table.show_rows(_outcomes(result), *names, title="Kicked runs")
