@@ -46,7 +46,7 @@ def bp1_scenario(*, quick: bool = False, seed: int = 0, cell: float | None = Non
 def reproduce_bp1(
     *, quick: bool = False, seed: int = 0, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> Reproduction:
-    """Run the benchmark and evaluate its claims; arguments as in `simulate_cycles`."""
+    """Run the benchmark and evaluate its claims; the arguments are those of `simulate_cycles`."""
     main = simulate_cycles(bp1_scenario(quick=quick, seed=seed), folder=folder, report=report)
     coarser = []
     for cell in (100.0,) if quick else (50.0, 100.0):
@@ -193,7 +193,7 @@ def bp3_scenario(
 def reproduce_bp3(
     *, quick: bool = False, seed: int = 0, folder=None, workers=None, report: Report = silent
 ) -> Reproduction:
-    """Run the benchmark: dips with published series at both cell lengths, others with the coarser cells only."""
+    """Run the benchmark: dips with published series with both cell lengths, others with the coarser cells only."""
     fine, coarse = QUICK_CELLS if quick else CELLS
     cases = [(dip, slip, cell) for cell in (fine, coarse) for dip, slip in FDRA]
     cases += [] if quick else [(dip, slip, coarse) for dip, slip in OTHERS]
@@ -289,7 +289,7 @@ BP6_TOLERANCE = {
     "slip": 5e-3,
     "velocity": 1e-3,  # relative to log10 V, so about 0.01 in log10 V
     "stress": 1e-3,
-    "pressure": 1e-3,  # CYCLAPS integrates the diffusion
+    "pressure": 1e-3,  # CYCLAPS solves the diffusion equation numerically
 }
 BP6_SHOWS = {
     "Sec 3": ("initial state", "initial-state"),
