@@ -109,7 +109,7 @@ def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequ
         return figure
     size = np.abs(run.turns).max(axis=(0, 1, 3))
     path = _smooth(run.turns)
-    gap = np.full((len(path), 1, len(size), 3), np.nan)  # between turns
+    gap = np.full((len(path), 1, len(size), 3), np.nan)  # breaks the lines between turns
     joined = np.concatenate([path, gap], axis=1).reshape(-1, len(size), 3)
     most = np.argsort(-size)[:grains]
     above = figure.add_subplot(2, 1, 1, **({"projection": "3d"} if dim == 3 else {"aspect": "equal"}))
@@ -180,7 +180,7 @@ def _plot_stress_and_contacts(axes, run) -> None:
 
 @style.styled
 def births_by_law(laws: list, packings: list):
-    """Fraction of packings that have had a pair, against strain, one line per law.
+    """Fraction of packings that have had a pair, against strain, with one line per law.
 
     Parameters
     ----------
