@@ -1,4 +1,4 @@
-"""Statements of Charan et al. 2020, with printed numbers, on fronts, the approach to the Coulomb limit, and sliding.
+"""Statements of Charan et al. 2020 on fronts, the approach to the Coulomb limit, and sliding, with printed numbers.
 
 Tolerances were fixed before anything was measured.
 """
@@ -27,11 +27,11 @@ GROWTH_LOADS = (0.030, 0.040, 0.083, 0.087, 0.090)
 V2_THRESHOLD = 0.05
 LINE_TOP = 0.090  # largest load in the fit of Eq 10, the largest named in the paper
 MODE_LOAD = 0.083  # load at which the y mode is shown: the smallest push at which the paper's array slides
-COARSER = (5e-3, 2e-3, 1e-3)  # extra load steps; the difference from the last is the error of a birth
+COARSER = (5e-3, 2e-3, 1e-3)  # further load steps; the change from the last of them is the error of a birth
 BISECTED = 1e-6  # width to which births and deaths are bisected [F_x]
 IM_LAMBDA = {0.083: 2.4e-4, 0.087: 7.7e-4, 0.090: 1.0e-3}
 V1 = {0.083: 0.0014, 0.087: 0.0022, 0.090: 0.0028}
-# growth of mean M from first to last quarter of a run: far below for beats of stable modes, above for pairs
+# limit for the growth of mean M from the first to the last quarter of a run: stable modes stay below, pairs rise above
 RISE = 10.0
 SHOWS = {
     "Fig 2": ("complex pairs along the push", "late-pair-birth"),
@@ -70,7 +70,7 @@ MUCH = 10.0  # "much faster": the paper's numbers differ by a factor of 27 to 54
 
 
 def evaluate_fronts(main: DiskArrayResult) -> list[Claim]:
-    """Evaluate the statements for the main scenario."""
+    """Evaluate the statements about fronts for the main scenario."""
     forward = {load: forward_front(main, ensemble) for load, ensemble in main.sliding.items()}
     ratios = {load: halves_ratio(front) for load, front in forward.items() if front}
     speeds = []
@@ -264,7 +264,7 @@ def evaluate_motion(main: DiskArrayResult, arrests: list[Arrest]) -> list[Claim]
 
 
 def _charging(arrest: Arrest) -> Claim:
-    """Claim that slip at the substrate is charged: it must grow by more than the tolerance."""
+    """Claim that slip at the substrate is "charged": it must grow by more than the tolerance."""
     mean, error = float(arrest.charge.mean()), standard_error(arrest.charge)
     return statement(
         f"charging-{arrest.load:.3f}", 'Fig 3: "static friction with charging of t_iw" at 0.03 and 0.04',
@@ -351,7 +351,7 @@ def _spiral(main: DiskArrayResult) -> list[Claim]:
 
 
 def _columns(values: np.ndarray, there: np.ndarray) -> list[np.ndarray]:
-    """Present entries of each column."""
+    """Entries of each column for which `there` is True."""
     return [column[mask] for column, mask in zip(values.T, there.T, strict=True)]
 
 
@@ -384,7 +384,7 @@ def _ratio(name: str, source: str, values: np.ndarray, tolerance: float, note: s
 
 
 def sliding_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
-    """Claims about Eq 10; the intercept for the printed model only."""
+    """Claims about the slope in Eq 10 and, for the printed model only, its intercept."""
     line = velocity_line(result, LINE_TOP)
     slope, error, note = None, None, "fewer than three loads at which realisations slide before the run ends"
     if line:

@@ -29,7 +29,7 @@ MOVED = (r"$\Delta C^x_\mathrm{mass}$", DIAMETER)
 def complex_pairs(
     results: Annotated[dict[str, _WithPairs], Requirement(require_filled)], paper: dict[float, float] | None = None
 ):
-    """Im λ of every complex pair against the push, one panel per result, with births and deaths (Fig 2).
+    """Im λ of every complex pair against the push, with births and deaths; one panel per result (Fig 2).
 
     Parameters
     ----------
