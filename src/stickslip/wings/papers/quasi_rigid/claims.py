@@ -57,7 +57,7 @@ MOTION = 1e-10  # random motion of `table_one` for one disk, a millionth of its 
 
 
 def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
-    """Evaluate the statements; a quick run omits other pressures and the packing of 1600 disks."""
+    """Evaluate the claims about motion; a quick run omits other pressures and the packing of 1600 disks."""
     pairs = [(sample, state) for sample in main.tested for state in _sliding_states(sample)]
     loads = [_lid_load(main, state, sample) for sample, state in pairs]
     linearised = max(table_one(*disk_in_groove(make=hertz_mindlin), size=MOTION).values())
@@ -247,7 +247,7 @@ SHOWS = {
 def evaluate_claims(main: QuasiResult, *, cases: int = CASES, quick: bool = False) -> list[Claim]:
     """Evaluate all claims; values are medians over samples, and the notes give ranges."""
     drawn, opened, errors = status_cases(main, cases), apex_cases(main, cases), []
-    for sample in main.tested:  # at the state with most sliding contacts before the last tenth of the path
+    for sample in main.tested:  # at the state with the most sliding contacts before the last tenth of the path
         early = [p for p in sample.path.points if p.load <= 0.9 * sample.path.points[-1].load]
         errors.append(table_one(max(early, key=lambda p: p.sliding).state, sample.law))
     worst = {name: max(e[name] for e in errors) for name in errors[0]}
@@ -427,10 +427,7 @@ def _premise(main: QuasiResult) -> Claim:
 
 
 def _unique_without_premise(sample: SampleResult) -> np.ndarray:
-    """Points at which Q ≤ 0 for some v, the status is unique for any load, and the path continues.
-
-    Shape (L,).
-    """
+    """Mask (L,) of points at which Q ≤ 0 for some v, the status is unique for any load, and the path continues."""
     looks = sample.looks
     return (looks.symmetric < 0) & (looks.unique == 1) & (looks.load < looks.load[-1])
 
@@ -505,7 +502,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
 
 
 def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
-    """Run the paper's scenario and evaluate its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
+    """Run the paper's scenario with the arguments of `simulate_quasi`, and evaluate its claims."""
     main = simulate_quasi(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     report("constructed cases", 0.0, "statuses and the apex")
     claims = evaluate_claims(main, cases=QUICK_CASES if quick else CASES, quick=quick)

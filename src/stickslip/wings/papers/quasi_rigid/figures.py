@@ -116,7 +116,7 @@ def force_on(state: State, body: int) -> np.ndarray:
 
 @style.styled
 def cone(one: Annotated[Any, Result(_KIND, ("forces",))], mu: float):
-    """Contact forces along the path in the Coulomb cone, for contacts that move farthest across it (Fig 3)."""
+    """Contact forces along the path in the Coulomb cone, for the contacts that move farthest across it (Fig 3)."""
     figure, axes = style.column_axes(1, 3.0)
     force = one.forces / one.forces[0, :, 0].mean()
     mobilised = np.abs(force[..., 1]) / (mu * np.maximum(force[..., 0], 1e-12))

@@ -81,7 +81,7 @@ class Slow(ScenarioTable):
 
 
 class QuasiScenario(ScenarioBase):
-    """Complete definition of a quasi-rigid loading and of the slow dynamics compared with it."""
+    """Complete definition of quasi-rigid loading and of the slow dynamics compared with it."""
 
     experiment: Literal["quasi-rigid"] = "quasi-rigid"
     seed: Seed = 0
