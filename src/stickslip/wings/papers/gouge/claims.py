@@ -38,7 +38,7 @@ def predict_hold(result: GougeResult, before: float, times) -> dict:
 
 
 def predict_per_efold(result: GougeResult, before: float, times, law: str) -> float:
-    """Slope of a predicted hold against the logarithm of time, over the times used by `measures.per_efold`."""
+    """Slope of predicted friction in a hold against the logarithm of time, over the times of `measures.per_efold`."""
     time, change = predict_hold(result, before, times)[law]
     late = time >= min(measures.EARLIEST, time[-1] / 10)
     return float(np.polyfit(np.log(time[late]), change[late], 1)[0])
@@ -55,7 +55,7 @@ def reslides_after_longest(result: GougeResult, before: float):
 def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
     """Return the hold times followed by slides at one common velocity, and that velocity.
 
-    It is the velocity before the hold if there are such slides, otherwise the slowest.
+    This is the velocity before the hold if there are such slides, otherwise the slowest.
     """
     holds = [(h, w) for v, h, w in measures.reslides(result) if v == before]
     chosen = before if any(w == before for _, w in holds) else min(w for _, w in holds)
@@ -153,7 +153,7 @@ def _time_step(scenario: GougeScenario) -> Claim:
 
 
 def hold_time(scenario: GougeScenario, definition: str, spring: float) -> float:
-    """Hold time [s] for t̄ = 1650 by a definition of `normalised_hold`, with a spring k [Pa/m]."""
+    """Hold time [s] for t̄ = 1650 by a definition of `normalised_hold`, with a spring of stiffness k [Pa/m]."""
     unit = normalised_hold(scenario, 1.0, BEFORE)[definition]
     return HOLD / unit * (stiffness(scenario) / spring if definition == "frozen" else 1.0)
 
@@ -196,7 +196,7 @@ def _definitions(scenario: GougeScenario) -> Claim:
 
 
 def compare_hold_laws(time: np.ndarray, friction: np.ndarray, before: float, spring: float) -> LawComparison:
-    """Compare the slip and aging laws for a hold by likelihood, with the paper's a, b and D_c and a free level.
+    """Compare the slip and aging laws for a hold by likelihood, with the paper's a, b and D_c and a fitted μ0.
 
     Only times from `measures.EARLIEST` on are used.
 
@@ -427,7 +427,7 @@ def _symmetry(result: GougeResult | None) -> Claim:
 
 
 def _compare_dampings(first: GougeResult, second: GougeResult) -> tuple[dict[str, tuple[Number, Number]], str]:
-    """Relaxation (at the end of the shorter hold, per e-fold) and steady friction for two dampings, and their text."""
+    """Relaxation (at the end of the shorter hold, per e-fold) and steady friction for two dampings, also as text."""
     before = measures.holds(first)[0]
     curves = [measures.hold_curve(result, before) for result in (first, second)]
     last = min(float(curve.x[-1]) for curve in curves)

@@ -114,7 +114,7 @@ def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float 
 
 @style.styled
 def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: _Number | None, offset: float):
-    """Friction after holds for each velocity, with two standard errors; the same curves over C + ln(V_r/V_i); peaks.
+    """Friction after holds for each velocity, with two standard errors; the same over C + ln(V_r/V_i); and the peaks.
 
     Parameters
     ----------

@@ -117,7 +117,7 @@ def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | 
 
 
 def stored_samples(folder: Path) -> dict[str, dict[int, Sample]]:
-    """Return the samples of the paper's size in a folder, by damping and seed; errors as in `read_samples`."""
+    """Return the samples of the paper's size in a folder, by damping and seed; raises the errors of `read_samples`."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is not a folder: give the folder of stored samples")
     stored = read_samples(folder, {name: paper_size_scenario(damping=name) for name in (MAIN, LOW)})
@@ -140,7 +140,7 @@ def reproduce(
     samples: Path | None = None, seed: int = 0, folder: Path | None = None, workers: Workers = None,
     device: str | None = None, report: Report = silent,
 ) -> Reproduction:  # fmt: skip
-    """Run the scenarios and evaluate the claims; other arguments as in `simulate_gouge`.
+    """Run the scenarios and evaluate the claims; the other arguments are those of `simulate_gouge`.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from ....measure import contact_forces, elastic_energy, inertial_number, stable_
 from ....packings import without_walls
 from .scenario import GougeScenario
 
-# limits of the quasi-static range of hard grains in a layer not dominated by its plates
+# limits of the range in which shear is quasi-static, grains are hard, and plates do not dominate the layer
 INERTIAL, STIFFNESS, OVERLAP, LAYER = 1e-3, 100.0, 0.02, 8.0
 LONG = 0.4  # fraction of the largest stable time step above which errors at the stiffest contacts exceed one per cent
 
@@ -30,7 +30,7 @@ def stiffness(scenario: GougeScenario, value: float | None = None, definition: s
 
     Examples
     --------
-    The 425 of Ferdowsi & Rubin 2021 as `rate_state`, in units of σ/D:
+    The stiffness of 425 in Ferdowsi & Rubin 2021, read as `rate_state`, in units of σ/D:
 
     >>> import stickslip as ss
     >>> slide = {"kind": "slide", "velocity": 0.1, "slip": 1.0}
@@ -142,7 +142,7 @@ BOTTOM, TOP = 0, 1  # indices of the rigid groups
 
 
 class Gouge(NamedTuple):
-    """Gouge sample."""
+    """Sample of gouge between two rough plates."""
 
     state: State  # rigid groups BOTTOM and TOP, the latter pressed along y
     law: Law
@@ -303,7 +303,7 @@ def _settle(scenario: GougeScenario, state: State, law: Law, stage: str, report:
 
 
 def _glue_plates(scenario: GougeScenario, state: State) -> State:
-    """Replace the walls with plates of the lowest and highest grains; contacts have no slip.
+    """Replace the walls with plates of the lowest and highest grains; contacts then have no slip.
 
     Glued grains shrink until they no longer touch each other.
     """
@@ -327,7 +327,7 @@ def _glue_plates(scenario: GougeScenario, state: State) -> State:
 
 
 def _shrink_apart(state: State, members: np.ndarray) -> Grains:
-    """Shrink the members until no two of them touch."""
+    """Shrink the grains with indices `members` until no two of them touch."""
     grains, size = state.grains, np.diag(state.cell.vectors)
     x, radius = grains.position[members], grains.radius.copy()
     r = x[:, None] - x[None]

@@ -69,7 +69,7 @@ class GougeGrains(ScenarioTable):
     gamma_twist=None, si=True,
 )  # fmt: skip
 class GougeLaw(LawTable):
-    """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of Ferdowsi & Rubin 2021, with its defaults.
+    """Hertz–Mindlin law with √(δ R_eff) and sharp Coulomb friction, with Eqs 1–2 and defaults of Ferdowsi & Rubin 2021.
 
     The normal dashpot is set either by `damping_n`, or by a `restitution` with the `reading` that converts it to γ_n
     and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
