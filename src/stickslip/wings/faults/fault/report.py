@@ -1,4 +1,4 @@
-"""Output of earthquake cycles: files of the SEAS platform, figures, archive, terminal summary and measures.
+"""Output of earthquake cycles: files for the SEAS platform, figures, archive, terminal summary and measures.
 
 Files follow sections 4 and 5 of the description of BP1-QD (B. Erickson and J. Jiang, 2018). Files of dipping faults
 follow section 4 of the description of BP3-QD (B. Erickson, J. Jiang and E. Dunham, 2021), in which slip and shear
@@ -167,7 +167,7 @@ def write_events(result: FaultResult, path: Path) -> None:
 
 
 def figures(result: FaultResult):
-    """Yield (file name, Figure) of a run."""
+    """Yield (file name, Figure) for each figure of a run."""
     history = result.history
     yield "fig1_slip.png", figures_of.slip_contours(history)
     yield "fig2_velocity.png", figures_of.max_slip_velocity(history, result.scenario.run.threshold)
@@ -180,7 +180,7 @@ def figures(result: FaultResult):
 
 
 def files(result: FaultResult):
-    """Yield (file name, function that writes it) in the format of the SEAS platform."""
+    """Yield (file name, function that writes it) for each file, in the format of the SEAS platform."""
     history = result.history
     yield EVENTS, partial(write_events, result)
     for number, depth in enumerate(history.station):
@@ -204,7 +204,7 @@ def remarks(result: FaultResult) -> list[str]:
 
 
 def numbers(result: FaultResult) -> dict:
-    """Return the contents of the archive, besides scenario and version."""
+    """Return the contents of the archive other than scenario and version."""
     h = result.history
     series = {
         name: getattr(h, name)

@@ -25,7 +25,7 @@ SHEARS = ("antiplane", "in-plane")
 SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault
 MOST_CELLS = 1_000_000
 MOST_ENTRIES = 1e7  # largest number of entries in the table of surface effects on a dipping fault
-LONGEST_CELL = 1 / 3  # relative to the cohesive length
+LONGEST_CELL = 1 / 3  # length of the longest allowed cell, relative to the cohesive length
 SEISMIC = 1.0  # slip velocity typical of an earthquake [m/s]
 
 
@@ -76,7 +76,7 @@ class Fault(NamedTuple):
 
     @property
     def modulus(self) -> float:
-        """G for antiplane and G/(1 − ν) for in-plane shear [Pa]."""
+        """Effective shear modulus: G for antiplane shear, and G/(1 − ν) for in-plane shear [Pa]."""
         return self.shear_modulus / (1 - self.poisson) if self.shear == "in-plane" else self.shear_modulus
 
     @property
@@ -167,7 +167,7 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     cell : length of a cell; the width must be a multiple of it [m]
     a, b, dc, normal, b2, dc2 : a number, or pairs (depth, value) in order of depth, between which values are
         interpolated linearly; beyond the first and last depth they are constant. `dc` and `dc2` in m, `normal` in Pa;
-        `b2` and `dc2`, which must be given together, belong to a second state variable, see `RateState`
+        `b2` and `dc2`, which must be given together, belong to a second state variable (see `RateState`)
     more : the other fields of `Fault`
 
     Raises
@@ -283,9 +283,7 @@ def _check_geometry(fault: Fault) -> None:
     if fault.shear == "in-plane" and fault.boundary == "periodic":
         raise ValueError("boundary must be 'surface' or 'infinite' for in-plane shear, got 'periodic'")
     if not 0 < fault.dip <= 90:
-        raise ValueError(
-            f"dip must be above 0 and at most 90 degrees, and slip 'thrust' or 'normal', got dip = {fault.dip:g}"
-        )
+        raise ValueError(f"dip must be above 0 and at most 90 degrees, got dip = {fault.dip:g}")
     if not fault.dips and (fault.dip != 90 or fault.slip != "thrust"):
         raise ValueError(
             f"dip = {fault.dip:g} and slip = {fault.slip!r} require in-plane shear and boundary = 'surface', got "
@@ -345,7 +343,7 @@ def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: f
     """Wavelength 2π/k above which steady slip of an infinite fault is unstable; infinite if a ≥ b.
 
     At this wavelength, the stiffness G k/2 of sinusoidal slip equals the critical stiffness (b − a) σ/D_c (see
-    `critical_stiffness`). It is π G D_c/[(b − a) σ] for both laws (J. R. Rice and A. L. Ruina 1983,
+    `critical_stiffness`). The wavelength is π G D_c/[(b − a) σ] for both laws (J. R. Rice and A. L. Ruina 1983,
     doi:10.1115/1.3167042). With cut-off velocities, A = a/(1 + V/V1) and B = b/(1 + V/V2) at the velocity of sliding
     replace a and b (see `Fault.sliding_at`).
 
@@ -381,7 +379,7 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
     """Half-length of the nucleation zone. With two states, b is the sum of both evolution effects.
 
     The characteristic slip is `fast` = b/(b1/D_1 + b2/D_2) at a rupture tip, where friction falls at the combined rate
-    of both states. It is `mean` = (b1 D_1 + b2 D_2)/b in the fracture energy, which determines long zones.
+    of both states. In the fracture energy, which determines long zones, it is `mean` = (b1 D_1 + b2 D_2)/b.
     """
     if a >= b:
         return np.inf
@@ -399,7 +397,7 @@ class Nucleation(NamedTuple):
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]
     cohesive_length: float
-    half_length: float  # half length of a nucleation zone
+    half_length: float  # half-length of a nucleation zone
     sentence: str
 
 
@@ -459,7 +457,7 @@ class _Lengths(NamedTuple):
 
 
 def _lengths(fault: Fault) -> _Lengths:
-    """Lengths for a fault without cut-off velocities; the half-length is the smallest among weakening cells."""
+    """Longest weakening part, and smallest half-length of a nucleation zone, of a fault without cut-off velocities."""
     weak = fault.a < fault.evolution
     if not weak.any():
         return _Lengths(0.0)

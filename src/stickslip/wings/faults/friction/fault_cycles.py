@@ -1,4 +1,4 @@
-"""Simulation of sequences of earthquakes and aseismic slip on a straight fault, and its conversion to a dataset.
+"""Simulation of earthquakes and aseismic slip on a straight fault, and conversion of its history to a dataset.
 
 The time step is controlled by the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
 `python -m benchmarks fault` compares this method with the solvers of SciPy at equal error.
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     import xarray
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # safety factor, and limits of the ratio of successive step sizes
-TOLERANCE = 1e-4  # error per step of slip/D_c and of ln θ
+TOLERANCE = 1e-4  # tolerated error per step of slip/D_c and of ln θ
 MOST_YEARS = 1e6  # about 10,000 earthquakes
 REPORTED = 2000  # steps between two reports
-# fields without a dimension M or P
+# fields of `FaultHistory` whose first dimension is neither M samples nor P profiles
 ALONE = ("fault", "station", "surface", "profile_depth", "events", "energy", "state", "steps", "rejected")
 
 
@@ -70,7 +70,7 @@ class FaultHistory(NamedTuple):
     profile_normal: np.ndarray | None  # (P, R) effective normal stress on a dipping fault [Pa]
     events: FaultEvents
     energy: Energy
-    state: FaultState  # at the end
+    state: FaultState  # state at the end
     steps: int
     rejected: int
 
@@ -97,8 +97,8 @@ def simulate_fault(
     years : duration in years of 365.25 days; the simulation ends after this time, with the first step outside an event
     start : initial state; default: `initial_state(fault)`; the `state` of a history continues that simulation bit for
         bit
-    recording : recorded quantities; default: no stations, profiles of slip every 5 years and every second during events
-    tolerance : error per step of slip/D_c and of ln θ
+    recording : recorded quantities; default: no stations, profiles of slip every 5 years, and every second in events
+    tolerance : tolerated error per step of slip/D_c and of ln θ
     report : called as report(stage, share done, text)
 
     Raises

@@ -18,7 +18,7 @@ from .stress_transfer import surface_displacement
 
 @readable(head=lambda events: pluralize(len(events.start), "event"))
 class FaultEvents(NamedTuple):
-    """Earthquakes (E,): intervals in which the maximum slip velocity exceeds the threshold."""
+    """Earthquakes: E intervals in which the maximum slip velocity exceeds the threshold."""
 
     start: np.ndarray  # [s]
     end: np.ndarray  # [s]
@@ -80,9 +80,9 @@ def crack_stress_drop(fault: Fault, moment: float, length: float, *, surface: bo
     """Uniform stress drop of a crack of length L with moment M per length along strike, C (G*/G) M/L² [Pa].
 
     A crack of length L in an infinite body, with the slip (2 Δτ/G*) √(L²/4 − x²), has the moment (G/G*) π Δτ L²/4, so C
-    = 4/π. A crack that breaks the free surface is half of a crack of length 2L: C = 2/π. This is exact for antiplane
-    shear. A dipping fault that breaks the surface slips more, so the result is 17 % too large for a dip of 30 or 60
-    degrees, and 26 % for 90 degrees.
+    = 4/π. A crack that breaks the free surface is half of a crack of length 2L: C = 2/π. This value is exact for
+    antiplane shear. A dipping fault that breaks the surface slips more, so the result is 17 % too large for a dip of 30
+    or 60 degrees, and 26 % for 90 degrees.
 
     Source
     ------
@@ -97,7 +97,7 @@ def measure_source(fault: Fault, prestress: np.ndarray, begin, end, arrival: np.
     Parameters
     ----------
     prestress : (N,) shear stress at the start of the simulation [Pa]
-    begin, end : Moment before and after the event
+    begin, end : `Moment` before and after the event
     arrival : (N,) times at which slip reached the threshold velocity, infinite where it did not [s]
     """
     h, change = fault.cell, end.excess_slip - begin.excess_slip
@@ -135,7 +135,7 @@ ZONE = 0.1  # slip velocity at the edge of a nucleation zone, relative to the la
 
 @readable
 class Recording(NamedTuple):
-    """Choice of stations, intervals and thresholds of a recording."""
+    """Stations, intervals and thresholds of a recording."""
 
     stations: tuple[float, ...] = ()  # depths at which time series are recorded [m]
     surface: tuple[float, ...] = ()  # surface stations: distances from the trace, > 0 on the hanging wall [m]

@@ -42,7 +42,7 @@ class Machine:
         self._fault = core.fill("Fault", values)
 
     def _image(self, slip, time: float) -> tuple[np.ndarray | None, bool]:
-        """Update the normal stress; return the shear stress that the surface adds, or False if slip opens the fault."""
+        """Update the normal stress; return the shear stress due to the surface, and False if slip opens the fault."""
         shear, clamped = self.transfer.of_image(slip)
         normal = self.fault.normal_at(time) + clamped
         self._cells[3], self._cells[7] = normal, self.fault.state_shift(normal)

@@ -78,7 +78,7 @@ class Fit(NamedTuple):
     names: tuple[str, ...]  # names of the m free parameters; "mu0[2]" belongs to the second data set
     values: dict  # name → value
     errors: dict  # name → standard error
-    intervals: dict  # name → (low, high), 95 %
+    intervals: dict  # name → (low, high) of the 95 % interval
     covariance: np.ndarray  # (m, m), in the order of names; NaN for undetermined parameters
     fixed: dict  # name → value, including v0
     difference: tuple[float, float, float]  # a − b and its 95 % interval

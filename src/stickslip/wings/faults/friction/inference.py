@@ -242,7 +242,7 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
 LEAST_FALL = 0.05  # relative decrease of the residuals below which a trend matters little
 SURE = 16.0  # smallest significant χ² of the trends: four standard errors for a single trend
 STEEP = 3.0  # ratio of stiffness to steepest rise of friction, or its inverse, beyond which the record is fitted again
-FAR, SURELY = 2.0, 1.1  # ratio of stiffnesses that contradict each other, without and with an interval
+FAR, SURELY = 2.0, 1.1  # smallest ratio of stiffnesses that contradict each other, without and with an interval
 CLEAR = 2.0  # distance in half widths of the 95 % interval at which a stiffness contradicts an adequate fit
 NEAR = 1.3  # largest ratio at which a unit still explains a stiffness
 BY_LENGTH = {"1/cm": 1e2, "1/mm": 1e3, "1/um": 1e6}  # in 1/m
@@ -300,7 +300,7 @@ class StiffnessDoubt(NamedTuple):
 
     given: float  # [1/m]
     shown: float  # stiffness that the record shows, from a fit with the stiffness free [1/m]
-    interval: tuple[float, float]  # 95 %; NaN if unknown
+    interval: tuple[float, float]  # 95 % interval of `shown`; NaN if unknown
     unit: str  # likelier unit of the given number; "" if unknown
     value: float  # the given number converted from that unit [1/m]
     friction: float = np.nan  # median friction of the record
@@ -354,7 +354,7 @@ def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None)
     (case,) = task.cases
     if case.legs is None or "stiffness" in task.slots[0]:
         return None
-    # over five samples, to suppress noise
+    # slopes over five samples, to suppress noise
     run, rise = case.place[4:] - case.place[:-4], case.friction[4:] - case.friction[:-4]
     steepest = max(float(np.quantile(rise[run > 0] / run[run > 0], 0.98)), 1e-12) if (run > 0).any() else 1.0
     usual = _is_near(given, steepest, STEEP)

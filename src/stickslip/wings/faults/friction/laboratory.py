@@ -114,7 +114,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
 
 
 def _doubt_friction(path: Path, values: dict[str, np.ndarray]) -> None:
-    """Warn of friction that no material has (per cent, mixed units) or that contradicts the recorded stresses."""
+    """Warn of friction that no material has (as in per cent) or that contradicts the recorded stresses."""
     usual = float(np.median(np.abs(values["friction"])))
     told = f"{path}: friction is about {usual:.3g}"
     if usual > MOST_FRICTION or 0 < usual < LEAST_FRICTION:
@@ -298,7 +298,7 @@ class Healing(NamedTuple):
     slope: float  # per e-fold of hold time
     intercept: float
     error: float  # standard error of the slope
-    interval: tuple[float, float]  # 95 %
+    interval: tuple[float, float]  # 95 % interval of the slope
 
 
 @readable
@@ -379,7 +379,7 @@ def healing(hold: Series, excess: Series) -> Healing:
     if len(np.unique(hold)) < 3:
         raise ValueError(f"a fit with an interval needs three different holds, got {len(np.unique(hold))}")
     if not (np.isfinite(excess).all() and (hold > 0).all() and np.isfinite(hold).all()):
-        raise ValueError("holds must be positive and finite, and peaks must be finite: leave out all others")
+        raise ValueError("holds must be positive and finite, and peaks must be finite: leave out the others")
     x = np.log(hold) - np.log(hold).mean()
     slope = float(x @ excess / (x @ x))
     rest = excess - excess.mean() - slope * x

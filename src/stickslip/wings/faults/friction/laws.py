@@ -26,7 +26,7 @@ CUT_OFF = 2
 
 
 def form_code(form: str, cut: float, cut2: float) -> int:
-    """Code of a form of the law, with or without cut-off velocities."""
+    """Code of a form of the law in the compiled core; the law with cut-off velocities has a separate code."""
     return CUT_OFF if cut > 0 or cut2 > 0 else FORMS[form]
 
 
@@ -137,11 +137,11 @@ class RateState(NamedTuple):
     stress σ changes, −(α/b) θ σ'/σ is added to θ' in both laws (Linker and Dieterich 1992, doi:10.1029/92JB00017).
 
     If b2 > 0, the term b2 ln(V0 θ2/D_c2) of a second state with the same evolution law is added (Ruina 1983; Gu et al.
-    1984, doi:10.1016/0022-5096(84)90007-3); changes of σ then act on both states, with α/(b + b2). With cut-off
-    velocities, a ln(V/V0) becomes −a ln(V0/V + V0/V1) and b ln(V0 θ/D_c) becomes b ln(V0 θ/D_c + V0/V2): the direct
-    effect saturates above V1, the evolution effect above V2 (Okubo 1989, doi:10.1029/JB094iB09p12321). The regularized
-    form is a arcsinh[V/(2 V0) exp((μ0 + b ln(V0 θ/D_c))/a)], which is 0 at rest (Rice, Lapusta and Ranjith 2001,
-    doi:10.1016/S0022-5096(01)00042-4).
+    1984, doi:10.1016/0022-5096(84)90007-3); changes of σ then act on both states, with the factor α/(b + b2). With
+    cut-off velocities, a ln(V/V0) becomes −a ln(V0/V + V0/V1) and b ln(V0 θ/D_c) becomes b ln(V0 θ/D_c + V0/V2): the
+    direct effect saturates above V1, the evolution effect above V2 (Okubo 1989, doi:10.1029/JB094iB09p12321). The
+    regularized form is a arcsinh[V/(2 V0) exp((μ0 + b ln(V0 θ/D_c))/a)], which is 0 at rest (Rice, Lapusta and Ranjith
+    2001, doi:10.1016/S0022-5096(01)00042-4).
 
     Examples
     --------
@@ -292,7 +292,7 @@ def spring_slider(
     displacement, factor, at = np.r_[0.0, displacement], np.r_[normal[0], factor], np.r_[0.0, times[kept]]
     speed, mu = rs.v0 * np.exp(rows[:, 0]), slider.friction(rows)
     force = factor[0] * mu[0] + spring.damping * speed[0]
-    # from the balance of spring force and friction
+    # slip follows from the balance of spring force and friction
     slip = displacement - (factor * mu + spring.damping * speed - force) / spring.stiffness
     columns = at, displacement, slip, speed, rs.dc / rs.v0 * np.exp(rows[:, 1]), mu, factor
     return SlipHistory(*(c[1:] for c in columns), tuple(End)[code], reached, _second_state(rs, rows[1:, 2]))

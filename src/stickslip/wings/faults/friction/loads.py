@@ -114,7 +114,7 @@ def _end_of_line(time, place, factor, first: int, slack: float) -> int:
 
 
 def leg_arrays(legs) -> np.ndarray:
-    """Check legs and return their durations, velocities and normal factors (3, L)."""
+    """Check legs and return their durations, velocities and factors of the normal stress (3, L)."""
     try:
         table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
     except (TypeError, ValueError):
@@ -147,8 +147,8 @@ def check_times(time) -> None:
         )
 
 
-CANDIDATES, SEARCHED = 400, 4000  # largest numbers of trial times for a velocity change, and of samples
-MOST, ROUNDS = 60, 40  # largest numbers of changes, and of iterations of their times
+CANDIDATES, SEARCHED = 400, 4000  # largest numbers of trial times for a velocity change, and of samples searched
+MOST, ROUNDS = 60, 40  # largest numbers of velocity changes, and of iterations that refine their times
 CERTAIN = 4.0  # required decrease of the sum of squares per change, over σ² ln N; BIC requires 2, for white noise
 REST, EXACT = 4.0, 1e-9  # standard errors, and fraction of the largest velocity, below which a velocity counts as zero
 OFF, CLEARLY = 0.03, 6.0  # departures that contradict a stated leg, over its length and over the noise
@@ -160,7 +160,7 @@ class FoundSteps(NamedTuple):
     """Steps of constant velocity found in a noisy displacement."""
 
     legs: tuple[LoadStep, ...]
-    noise: float  # standard deviation of the displacement about these steps [length]
+    noise: float  # standard deviation of the displacement around these steps [length]
     sentence: str
 
 
@@ -251,7 +251,7 @@ def find_steps(time: Series, load_point: Series) -> FoundSteps:
 
 
 def steps_text(legs: Sequence[LoadStep], time: np.ndarray) -> str:
-    """Legs in the syntax of `stated_steps`, on the clock of the samples."""
+    """Legs in the syntax of `stated_steps`, with times on the clock of the samples."""
     digits = max(0, 3 - int(np.floor(np.log10(np.median(np.diff(time))))))
     ends = time[0] + np.cumsum([leg.duration for leg in legs])[:-1]
     parts = [f"{leg.velocity:.6g} until {end:.{digits}f}" for leg, end in zip(legs, ends, strict=False)]
@@ -317,7 +317,7 @@ def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, 
 
 
 def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
-    """Sum of squares about the best curve with given times of change."""
+    """Sum of squared deviations from the best curve with given times of change."""
     basis = _pieces(time, changes)
     basis /= np.abs(basis).max(axis=0)
     square = np.einsum("ni,nj->ij", basis, basis)  # with so few columns, QR decomposition takes many times longer

@@ -29,7 +29,7 @@ NAMES = (
     "trend_length",
     "drift",
 )
-FIT = ("a", "b", "dc", "mu0")  # free unless fixed
+FIT = ("a", "b", "dc", "mu0")  # parameters that are free unless they are fixed
 # defaults: one state, no cut-off velocities, and a linear trend
 PLAIN = {"b2": 0.0, "dc2": 1.0, "v1": np.inf, "v2": np.inf, "trend_length": np.inf}
 DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, "drift": 0.0, **PLAIN}
@@ -252,9 +252,9 @@ def log_head_volume(noise, pieces) -> float:
     return sum(float(logs[min(len(phi), piece.stop - piece.start) - 1]) for piece in pieces) if len(phi) else 0.0
 
 
-AROUND = 7  # samples in the running median with which each sample is compared
+AROUND = 7  # number of samples in the running median with which each sample is compared
 FAR = 6.0  # standard deviations beyond which a sample is a spike (one Gaussian sample in 5e8)
-MOST_SPIKES = 0.02  # largest fraction of spikes; more are long-tailed noise
+MOST_SPIKES = 0.02  # largest fraction of spikes; with more of them, the noise is long-tailed
 LEAST_NOISE = 1e-6  # ratio of noise to scatter of friction below which the noise is only round-off
 TO_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median absolute deviation
 SPREAD = np.sqrt(70.0)  # standard deviation of the fourth difference of white noise over that of the noise

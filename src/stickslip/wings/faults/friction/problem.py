@@ -1,4 +1,4 @@
-"""Least-squares problem of a fit: initial guesses, residuals, search for the best minimum, identifiability."""
+"""Least-squares problem of a fit: initial guesses, residuals, search for the best minimum, and identifiability."""
 
 from itertools import product
 from typing import NamedTuple
@@ -10,9 +10,9 @@ from ....kit import Report, silent, within
 from .model import DEFAULTS, LINEAR, LOGARITHMIC, PLAIN, WHITE, Prepared, linear_column, model_friction, whitened
 
 SEARCHED, FOUND = 0.5, 0.9  # shares of the progress bar filled once the guesses and the best minimum are found
-SINGULAR = 1e-5  # ratio to the largest singular value of the scaled Jacobian below which others are numerical errors
+SINGULAR = 1e-5  # relative size below which singular values of the scaled Jacobian are numerical errors
 WIDEST = np.log(10.0)  # half width of a logarithm's interval above which the parameter is not determined
-PART = 0.25  # component of a direction, over its largest, above which the direction contains a parameter
+PART = 0.25  # relative size of a component above which a direction contains its parameter
 
 
 class Estimates(NamedTuple):

@@ -4,7 +4,7 @@ Between the centres of N cells of length h, slip is a sum of terms sin(πx/h)/(�
 the values of the cells and no wavelength below 2h. A sinusoid then has its exact stiffness G*|k|/2, with G* = G for
 antiplane and G/(1 − ν) for in-plane shear, and errors arise only from slip that such a sum cannot represent. Slip of 1
 at one centre stresses the centre m cells away by (G*/πh) [−π²/4 for m = 0, 1/m² for odd m, 0 for even m]. A free
-surface mirrors slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log N) operations;
+surface adds mirrored slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log N) operations;
 `stress_matrix` returns the same operator as a dense matrix.
 
 In a half-space, points are ζ = x + iz, with x horizontal and the depth z ≥ 0. The fault is ζ = ξ t with t = e^{iψ}, dip
@@ -222,7 +222,7 @@ def _image(number: int, cell: float, modulus: float, dip: float) -> tuple[sparse
     """Interpolation from R nodes to the cells (N, R), and shear and normal stress at the nodes due to slip (2R, N).
 
     This is the stress that the surface adds, minus the stress of slip mirrored in the surface, both for uniform slip in
-    cells. Between ξ and 2ξ, nodes are Chebyshev nodes; near the surface they are the cells.
+    cells. Between ξ and 2ξ, nodes are Chebyshev nodes; near the surface, they are cell centres.
     """
     t, places, order = np.exp(1j * np.radians(dip)), np.arange(number) + 0.5, _order(dip)
     nodes, blocks, high = [], [], number
@@ -281,7 +281,7 @@ class Injection(NamedTuple):
     6.555 MPa
     """
 
-    flux: float  # q, volume per time and per cross-section of the fault; half of it flows to each side [m/s]
+    flux: float  # q, volume per time and cross-sectional area of the fault; half of it flows to each side [m/s]
     storage: float  # S = φ β, porosity × compressibility of pores and fluid [1/Pa]
     diffusivity: float  # c, hydraulic diffusivity [m²/s]
     stop: float = np.inf  # end of the injection [s]
@@ -347,7 +347,7 @@ class Oscillation(NamedTuple):
 
 @readable
 class StressTable(NamedTuple):
-    """Changes of the effective normal stress at given times and depths, linear between and constant beyond them.
+    """Changes of the effective normal stress at times and depths, interpolated linearly and constant beyond them.
 
     Examples
     --------

@@ -17,7 +17,7 @@ BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # range of times in a figure, in median r
 
 
 def figures(result: SliderResult):
-    """Yield (file name, Figure) of a run."""
+    """Yield (file name, Figure) for each figure of a run."""
     yield "fig1_history.png", figures_of.slid(result.history, result.recorded, result.legs)
 
 
@@ -34,7 +34,7 @@ def _write_series(result: SliderResult, path: Path) -> None:
 
 
 def numbers(result: SliderResult) -> dict:
-    """Return the contents of the archive, besides scenario and version."""
+    """Return the contents of the archive other than scenario and version."""
     history = archive_fields(result.history._replace(end=result.history.end.value))
     return {"history": history, "recorded": result.recorded, "units": "m, s"}
 
