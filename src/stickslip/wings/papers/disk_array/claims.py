@@ -435,7 +435,7 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
 
 
 MODELS, PUSHED = ("printed", "quarter"), "ramps and free runs"  # names of the models, and of a stage
-SHARES = {RAMP: (0.0, 0.6), BIRTHS: (0.6, 0.8), FREE: (0.8, 1.0)}  # as fractions of a quick run before sliding
+SHARES = {RAMP: (0.0, 0.6), BIRTHS: (0.6, 0.8), FREE: (0.8, 1.0)}  # stages as fractions of a quick run before sliding
 
 
 class Reproduction(NamedTuple):
@@ -449,7 +449,7 @@ class Reproduction(NamedTuple):
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
-    """Return the scenario of the printed model: N = 10, μ = 10, k_t = 2/7 k_n, smooth Coulomb, F_y = 0.1."""
+    """Return the scenario of the printed model: N = 10, μ = 10, k_t = 2/7 k_n, F_y = 0.1, and smooth Coulomb."""
     return validate_scenario(
         DiskArrayScenario,
         seed=seed,

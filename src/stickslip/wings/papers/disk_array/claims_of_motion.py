@@ -43,21 +43,21 @@ SHOWS = {
 }
 TOLERANCE = {
     "pairs": 0.0,  # counts
-    "window": 0.02,  # 0.082 and 0.062 are printed with two digits: more than half a unit of the last, 0.8 %
-    "birth": 0.01,  # 0.082 is printed with two digits: half a unit of the last is 0.6 %
-    "im-lambda": 0.1,  # printed with one or two digits: half a unit of the last is 5 % of 0.001
+    "window": 0.02,  # 0.082 and 0.062 are printed with two digits: half a unit of the last digit is 0.8 %
+    "birth": 0.01,  # 0.082 is printed with two digits: half a unit of the last digit is 0.6 %
+    "im-lambda": 0.1,  # printed with one or two digits: half a unit of the last digit is 5 % of 0.001
     "growth": 0.02,  # linear theory is exact; the fit window ends where contacts begin to open
     "saturation": 1.0,  # the paper prints "about" and a power of ten: a factor of two either way
     "threshold": 0.1,  # the paper's loads of arrest and of sliding differ by a factor of two
     "front": 0.25,  # nearly three times the largest error that the paper gives for V_1 with its 25 realisations, 9 %
     "ratio": 1.5 / 4.3,  # the scatter printed in the paper: 4.3 ± 1.5
     "exponent": 0.21,  # over Im λ from 2.4e-4 to 1.0e-3, this change of the power equals the ratio's scatter of 35 %
-    "slope": 0.1,  # printed with two digits and no error: typical of a fit to a handful of velocities
-    "intercept": 0.2,  # as for the slope, but the intercept extrapolates over nine tenths of the push
+    "slope": 0.1,  # printed with two digits and no error: a typical error of a fit to a few velocities
+    "intercept": 0.2,  # as for the slope, but extrapolated over nine tenths of the push
     "share": 0.1,  # the figure shows no x and no rotation: bars of 0.3 would be visible, and their square is 0.1
     "frequency": 0.05,  # "approximately"; printed with three digits, at a push that is not stated
     "wave number": 0.25,  # "approximately 2": half a unit of the only digit of the wavelength
-    "steady": 0.1,  # "fixed", "without growth": as visible in a plot
+    "steady": 0.1,  # "fixed", "without growth": a change that would be visible in a plot
     "power": 0.1,  # t and t^1.1 differ by a quarter over a decade
     "independence": 0.25,  # tolerance of an exponent: from 0.083 to 0.12 the speed then changes by a tenth
     "charging": 0.1,  # smaller changes of t_iw do not count
@@ -201,7 +201,7 @@ def halves_ratio(front: Front) -> float:
 
 
 def _dependences(main: DiskArrayResult, forward: dict[float, Front | None]) -> list[Claim]:
-    """Claims that V_1 depends on F_x and V_2 does not, by p in V ∝ F_x^p, and that V_2 is much faster."""
+    """Claims that V_1 depends on F_x and V_2 does not, from p in V ∝ F_x^p, and that V_2 is much faster."""
     backward = {load: backward_front(main, V2_THRESHOLD, [load]) for load in main.sliding}
     (p1, e1), (p2, e2) = (_power_of_push(fronts) for fronts in (forward, backward))
     ratios = {load: backward[load].speed / forward[load].speed for load in FRONT_LOADS
@@ -256,7 +256,7 @@ TRANSITION = 0.083  # push of Figs 3 and 4 at which the array slides
 
 
 def evaluate_motion(main: DiskArrayResult, arrests: list[Arrest]) -> list[Claim]:
-    """Evaluate the statements for the main scenario."""
+    """Evaluate the statements about single disks, slip and sliding for the main scenario."""
     return [
         *(_charging(arrest) for arrest in arrests), _msd_at_breach(main), _where_first(main), _power(main),
         *_spiral(main), *_center(main), *sliding_claims(main, ""),

@@ -133,7 +133,8 @@ def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | Non
 
     Parameters
     ----------
-    forward : load -> Front; backward : Front or None
+    forward : load -> Front
+    backward : Front or None
     """
     figure, (top, bottom) = style.column_axes(2, 4.8)
     for color, (load, front) in zip((style.BLUE, style.GREEN, style.RED, style.ORANGE), forward.items(), strict=False):

@@ -24,7 +24,7 @@ AROUND = 200  # number of samples before and after a time that are averaged: 20 
 class Transition(NamedTuple):
     """One realisation of the transition; times of events that did not happen are NaN."""
 
-    breach: np.ndarray  # (N,) first time at the Coulomb limit of each disk's contact with the substrate [time]
+    breach: np.ndarray  # (N,) time when each disk's contact with the substrate first reaches the Coulomb limit [time]
     slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
     # velocity of the centre of mass over the last third of the run; NaN unless all disks slid earlier [length/time]
     velocity: float  # [length/time]
@@ -109,7 +109,7 @@ def run_transition(
         *(late_halves(time[late], run.center[late]) if slides else np.full((2, 2), np.nan)),
         crossing_times(time, smooth, thresholds),
         *drift_profile(time, smooth, thresholds),
-        run.time[thin].copy(),  # copies, as views would keep the whole record
+        run.time[thin].copy(),  # copies, because views would keep the whole record in memory
         run.center[thin].copy(),
     )
 
@@ -144,7 +144,7 @@ def _run_in_pieces(leg: Leg, engine: Engine) -> _Run:
 
 
 def velocity_of(time: np.ndarray, position: np.ndarray) -> float:
-    """Slope of a line fitted to a position [length/time]."""
+    """Velocity as the slope of a line fitted to a position against time [length/time]."""
     return float(np.polyfit(time, position, 1)[0])
 
 
@@ -262,7 +262,7 @@ class FreeRun(NamedTuple):
     predicted_growth: float  # ω_i of the fastest-growing mode, with drag and dashpots [1/time]
     predicted_frequency: float  # [1/time]
     growth: Growth | None
-    saturation: float  # mean of M over the last half of the run [length²]
+    saturation: float  # mean of M over the second half of the run [length²]
     slid: bool
 
 

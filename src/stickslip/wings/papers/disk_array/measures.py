@@ -93,7 +93,7 @@ def y_mode(modes: Spectrum) -> int:
 
 
 def wave_power(modes: Spectrum) -> tuple[np.ndarray, np.ndarray]:
-    """Wave numbers (Q,) [1/diameter], and their fractions (Q, n) of the y motion of each mode of a row."""
+    """Wave numbers (Q,) [1/diameter] of a row, and the fraction (Q, n) of each mode's y motion at each of them."""
     y = modes.modes[modes.free.axis == 1]
     n = len(y)
     power = np.abs(np.fft.fft(y, axis=0)) ** 2

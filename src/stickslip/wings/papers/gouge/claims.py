@@ -84,7 +84,7 @@ UNDEFINED = (
 
 
 def _peaks(result: GougeResult | None) -> list[Claim]:
-    """Claims about peaks after holds: their slope, the peak at V_r = V_i, the collapse, and a slope below b."""
+    """Claims about peaks after holds: their slope, the peak at V_r = V_i, their collapse, and a slope below b."""
     ratio = "peak-vs-velocity-ratio", "Fig S2: inset of panel a, slope = 0.0155", PEAK_SLOPE
     paper, where = COLLAPSE * PEAK_SLOPE, "Fig S2: panel b and inset, C ≈ 5 times the slope 0.0155"
     collapse = "Fig S2: caption, (μ − μ_ss)/(C + ln(V_r/V_i)) with C ≈ 5"
@@ -130,7 +130,7 @@ def _peaks(result: GougeResult | None) -> list[Claim]:
 
 
 def collapse_defect(x: np.ndarray, peaks: list[Number]) -> Number:
-    """Slope of peaks against x = ln(V_r/V_i), minus their value at x = 0 over C; zero if they are ∝ C + x."""
+    """Slope of peaks against x = ln(V_r/V_i), minus their value at x = 0 over C; zero if peaks are ∝ C + x."""
     return combine(peaks, lambda y: np.subtract(*np.polyfit(x, y, 1) * (1, 1 / COLLAPSE)))
 
 
@@ -330,7 +330,7 @@ def _relaxation(main: GougeResult) -> list[Claim]:
         ),
         _statement(
             "compaction-in-holds", "Text: not in the supplement",
-            bool(loss.value > 0) if abs(loss.value) > loss.half else None,  # whether the interval contains zero
+            bool(loss.value > 0) if abs(loss.value) > loss.half else None,  # None if the interval contains zero
             f"thickness lost per e-fold of hold time: {_interval(loss)} D, {_error_note(loss)}; "
             f"{_interval(lost.at(lost.x[-1]))} D after {lost.x[-1]:g} s; {_scale_note(main)}", study=STUDY,
         ),
@@ -417,7 +417,7 @@ def _symmetry(result: GougeResult | None) -> Claim:
     sizes = [abs(n.value - seen.impedance.value * (pair[1] - pair[0])) for n, pair in (forward, back)]
     halves = float(np.hypot(forward[0].half, back[0].half))
     difference = sizes[0] - sizes[1]
-    same = abs(difference) + halves <= TOLERANCE["rate and state"] * np.mean(sizes)  # otherwise it is unknown
+    same = abs(difference) + halves <= TOLERANCE["rate and state"] * np.mean(sizes)  # otherwise equality is unknown
     alike = False if abs(difference) > halves else True if same else None
     return _statement(
         "velocity-step-symmetry", where, alike,

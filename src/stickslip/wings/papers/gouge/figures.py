@@ -122,7 +122,7 @@ def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: 
     ratios : V_r/V_i
     peaks : one `Number` per ratio
     slope : `Number`, slope of peaks against the logarithm of the ratio
-    offset : C, for which the curves collapse
+    offset : C, the constant for which the curves collapse
     """
     rows = 3 if len(ratios) > 1 else 2
     figure, panels = style.column_axes(rows, 1.7 * rows + 0.4)

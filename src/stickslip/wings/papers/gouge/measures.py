@@ -317,7 +317,7 @@ def reslide_curve(result: GougeResult, before: float, hold: float, after: float,
 
 @checked
 def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
-    """Average a curve over windows of its grid, truncated at its ends."""
+    """Average a curve over windows of its grid; windows are truncated at its ends."""
     width = max(1, round(window / (curve.x[1] - curve.x[0])))
     kernel = np.ones(width)
     weight = np.convolve(np.ones(len(curve.x)), kernel, "same")

@@ -22,7 +22,7 @@ DAMPINGS = {  # keys are the names used in claims and figures
 }
 MAIN, LOW, CALIBRATED = DAMPINGS
 STIFF = 425.0  # the paper's stiffness, interpreted as k D/σ
-STEPS = (1.0, 8.0, 4.0, 1.0, 1.0)  # slips of steps at the paper's size; see `benchmarks/gouge_steps.py` [D]
+STEPS = (1.0, 8.0, 4.0, 1.0, 1.0)  # slips of velocity steps at the paper's size; see `benchmarks/gouge_steps.py` [D]
 
 
 class Reproduction(NamedTuple):

@@ -1,8 +1,8 @@
 """One realisation of a gouge experiment: a trunk that slides steadily, and tests that branch off its states.
 
-The trunk is prepared, slid until friction is steady, and taken through the slides of the protocol. Steps and holds
-start from copies of its state, so that they can run in parallel. A slip is an interval, in slides through a soft
-spring, during which the upper plate runs ahead.
+The trunk is prepared, slides until friction is steady, and goes through the slides of the protocol. Steps and holds
+start from copies of its state, so that they can run in parallel. A slip is an interval during which the upper plate
+runs ahead of the load point, in a slide through a soft spring.
 """
 
 from functools import partial
@@ -76,7 +76,7 @@ class Trunk(NamedTuple):
 
     tests: tuple[Test, ...]
     branches: tuple[Branch, ...]
-    states: dict[str, State]  # settled, steady, end
+    states: dict[str, State]  # states "settled", "steady" and "end"
     ledger: dict[str, np.ndarray]  # see `Realization`
 
 
@@ -86,7 +86,7 @@ class Realization(NamedTuple):
     seed: int
     range: Range
     tests: tuple[Test, ...]  # tests of the trunk, then of the branches
-    states: dict[str, State]  # settled, steady, end
+    states: dict[str, State]  # states "settled", "steady" and "end"
     ledger: dict[str, np.ndarray]  # energies after the protocol, columns of `Ledger`; empty if not requested
 
     def of(self, *kinds: str) -> list[Test]:
@@ -371,7 +371,7 @@ JOINED = 0.01  # displacement of the load point within which rebounds after a sl
 
 
 class Slips(NamedTuple):
-    """Slips in slides at constant velocity of the load point, K rows.
+    """K slips in slides at constant velocity of the load point.
 
     A slip begins with the first sample at which the plate moves faster than `threshold` times the load point, and ends
     with the first sample at which it is no longer faster than the load point. Rebounds that begin before the load point

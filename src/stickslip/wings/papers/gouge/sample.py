@@ -266,7 +266,7 @@ def _approach(scenario: GougeScenario, state: State, law: Law, report: Report) -
 
 
 def _advance(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
-    state = state._replace(instant=None)  # keeps the sample of each seed as in earlier results
+    state = state._replace(instant=None)  # so that each seed gives the same sample as in earlier results
     try:
         state, _, outcome = run(state, law, steps, scenario.dt, drag=drag, threads=1)
     except ValueError as problem:

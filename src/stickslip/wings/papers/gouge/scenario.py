@@ -399,7 +399,7 @@ class GougeScenario(ScenarioBase):
         least = max(chosen.slip, 2 * chosen.window)
         if chosen.steady and chosen.longest < least:
             raise ValueError(
-                f"preparation.longest must be at least slip and two windows, {least:g}, got {chosen.longest:g}"
+                f"preparation.longest must be at least slip plus two windows, {least:g}, got {chosen.longest:g}"
             )
         name = "preparation.window" if chosen.steady else "preparation.slip"
         legs = {name: (chosen.window if chosen.steady else chosen.slip) * size / chosen.velocity}

@@ -323,7 +323,7 @@ def simulate_gouge(
         check_folder(samples)
     if device and scenario.engine != "stickslip":
         raise ValueError(
-            f'device = "{device}" does not apply to engine = "{scenario.engine}", which runs elsewhere: give one'
+            f'device = "{device}" does not apply to engine = "{scenario.engine}", which runs elsewhere: give only one'
         )
     law = gouge_law(scenario, scenario.law.mu)
     where = open_device(device, law) if device else find_engine(scenario, folder) and None

@@ -5,7 +5,7 @@ apex of the Coulomb cone. In two further cases, one disk moves through a mechani
 its velocity is predicted. Sliding contacts of packings are examined for status, stability, contribution to Q, and
 vibrations.
 
-Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. III D and E, V A.
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. III D, III E and V A.
 """
 
 from collections.abc import Callable
@@ -77,8 +77,8 @@ class ApexCases(NamedTuple):
 def counterexample(directions: int = 720) -> tuple[str, ...]:
     """Return the largest set of statuses that are simultaneously consistent for one contact in unstable surroundings.
 
-    Their stiffness is K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ = 0.9; the load is
-    rotated through all directions.
+    The stiffness of these surroundings is K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ =
+    0.9; the load is rotated through all directions.
     """
     springs = np.diag([1.0, 0.5])
     compliance = np.linalg.inv(np.array([[1.0, 0.3], [0.3, 0.1]]) + springs)

@@ -1,6 +1,6 @@
 """Reproduction of McNamara & Herrmann 2006, Quasi-rigidity: some uniqueness issues.
 
-The paper contains proofs and prints no numbers; its statements are therefore tested. Its biaxial test is run with the
+The paper contains proofs and prints no numbers; its statements are therefore tested. The biaxial test is run with the
 linear law, K_t = K_n/2 and μ = 1/2 at P/K_n = 1e-4. Units are K_n = 1, a mean diameter of 1, and a disk density of 4/π.
 """
 
@@ -49,7 +49,7 @@ from .simulate import QuasiResult, SampleResult, simulate_quasi, table_one
 LOOKS = 8  # number of states of each path before its last tenth
 EXPONENT = 0.02  # tolerance of the exponent: t and t^1.02 differ by 10 % over two decades
 SLOPE = 0.25  # tolerance: half the distance to the next half-integer order
-RATE = 0.02  # as EXPONENT
+RATE = 0.02  # tolerance of a rate, the same as that of the exponent
 LINEARISED = 1e-5  # relative error of Table I, ten times the motion over the overlap
 BALANCED = 1e-6  # largest unbalanced fraction of a load; round-off of k is 1e-10
 HUNDREDS, DISKS = 100, 1600
@@ -229,7 +229,7 @@ def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
 
 
 CASES = 500
-RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, the size of neglected terms
+RELATIONS = 1e-5  # relative error of Table I: a hundred times 1e-7, the step and the size of neglected terms
 COLLAPSE = 0.02  # tolerance: two increments of the slow load, the resolution of the collapse load
 YIELD = '"when the assumption of stability for all possible states is violated, we expect the packing to yield"'
 SHOWS = {
@@ -488,7 +488,7 @@ QUICK_CASES = 60
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
-    """Return the biaxial test: the force on the lid grows, at most fourfold, until stability is lost."""
+    """Return the scenario of the biaxial test: the lid force grows, at most fourfold, until stability is lost."""
     loading = {"test": "biaxial", "factor": 4.0, "increment": 2e-3 if quick else 1e-3, "unload": True}
     if quick:
         return validate_scenario(

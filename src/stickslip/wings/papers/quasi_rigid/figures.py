@@ -29,7 +29,7 @@ _KIND = "sample of a QuasiResult"
 _WithCurve = Annotated[Any, Result(_KIND, ("curve", "path", "slow", "back"))]
 SHOWN = 6  # number of contacts shown in the cone
 GREY = "#bbbbbb"
-ENDS = {True: "x", False: "o"}  # marks of path ends, True where stability is lost
+ENDS = {True: "x", False: "o"}  # markers of path ends: True if stability is lost there
 ENDS_WORDS = {True: "stability is lost", False: "ends for another reason"}
 COLORS = (
     style.BLUE,

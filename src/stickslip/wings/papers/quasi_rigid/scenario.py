@@ -106,7 +106,7 @@ class QuasiScenario(ScenarioBase):
     @model_validator(mode="after")
     def _check_loading(self):
         if self.loading.collapses and not self.dynamics.drag:
-            raise ValueError("loading.collapses = true requires dynamics.drag > 0, as a collapse comes to rest by drag")
+            raise ValueError("loading.collapses = true requires dynamics.drag > 0, as drag brings a collapse to rest")
         if self.loading.strain and not self.loading.machine:
             raise ValueError(
                 f"loading.strain = {self.loading.strain:g} requires loading.machine, the stiffness of the machine "

@@ -43,7 +43,7 @@ from .scenario import QuasiScenario
 
 MAX_POINTS = 60  # largest number of points of a path at which eigenvalues are computed
 MAX_ENUMERATED = 10  # largest number of critical contacts for enumeration of all statuses
-PAIR = 1e-9  # imaginary part over the largest eigenvalue above which eigenvalues count as a complex pair
+PAIR = 1e-9  # ratio of the imaginary part to the largest eigenvalue above which two eigenvalues count as a pair
 # size of the random motion of `table_one`: at most CLOSED times the smallest overlap, but at least LEAST, 1e-6 of
 # which is round-off
 CLOSED, LEAST = 0.1, 1e-10
@@ -53,7 +53,7 @@ BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse_load`
 
 
 class Curve(NamedTuple):
-    """Stress–strain curve of T points, in quantities that are usual in engineering."""
+    """Stress-strain curve of T points, in quantities that are usual in engineering."""
 
     load: np.ndarray  # (T,) fraction of the load
     strain: np.ndarray  # (T,) strain in the loaded direction, compression positive; or shear strain [1]

@@ -1,8 +1,8 @@
 """Reproduction of Bonfanti et al. 2020: oscillatory instabilities of sheared packings of spheres.
 
-Bonfanti, Chattoraj, Guerra, Procaccia, Zapperi, doi:10.1103/PhysRevE.101.052902. Units are 2σ_1 = m = k_n = 1; I0 =
-0.4, k_t = 2/7, μ = 10, smooth Coulomb. The paper does not state the packing fraction; here it is 0.68 for every
-packing.
+Bonfanti, Chattoraj, Guerra, Procaccia, Zapperi, doi:10.1103/PhysRevE.101.052902. Units are 2σ_1 = m = k_n = 1. The law
+is smooth Coulomb with k_t = 2/7 and μ = 10; I0 = 0.4. The paper does not state the packing fraction; here it is 0.68
+for every packing.
 
 Values of claims are medians over packings; notes give ranges. Claims about the contact law are evaluated with a stored
 study of packings under several laws.
@@ -86,7 +86,7 @@ PARTS = 10  # number of parts of the fit window, in each of which the stress amp
 
 
 def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second and third singular values of each grain's displacements in a turn, over the first one, (L, H) each.
+    """Ratios (L, H) of the second and third singular values of each grain's displacements in a turn to the first.
 
     The ratio of the second is 0 for motion on a line, that of the third for motion in a plane. The motion of a single
     pair is Re(c e^{iωt}) with a complex vector c for each grain, so a grain moves in the plane of Re c and Im c through
@@ -151,7 +151,7 @@ STUDY = "stored study of examples/pairs_by_law.toml"
 
 
 class Births(NamedTuple):
-    """First pairs of sheared packings under one law."""
+    """Counts of first pairs in sheared packings under one law."""
 
     kind: str
     coulomb: str
@@ -216,7 +216,7 @@ def law_claims() -> list[Claim]:
 
 
 def share_interval(count: int, total: int) -> tuple[float, float]:
-    """95 % interval of a fraction.
+    """95 % interval of the fraction `count`/`total`.
 
     Source
     ------
@@ -457,7 +457,7 @@ class Stretch(NamedTuple):
 def exponential_stretch(run: Released) -> Stretch | None:
     """Find the part of a run in which M follows exp(2 ω_i t) with the predicted ω_i.
 
-    In this part, the running maximum of M lies within a factor of two of the line that meets it in the fit window.
+    In this part, the running maximum of M lies within a factor of two of this exponential, matched in the fit window.
     Before it, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross the fit
     window.
     """

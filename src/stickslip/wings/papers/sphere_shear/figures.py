@@ -138,7 +138,7 @@ def _smooth(turns: np.ndarray) -> np.ndarray:
 
 
 def _label_space(axes, labels, dim: int) -> None:
-    """Label axes, close to the ticks in three dimensions."""
+    """Label axes; in three dimensions, labels are close to the ticks."""
     style.label_axes(axes, **dict(zip("xyz", labels, strict=False)))
     if dim == 3:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)

@@ -47,8 +47,8 @@ class Shear(ScenarioTable):
     def _check_path(self):
         if self.on_instability == "follow-dynamics" and self.drag is None:
             raise ValueError(
-                "shear.on_instability = 'follow-dynamics' requires shear.drag, which determines the oscillations that "
-                "grow"
+                "shear.on_instability = 'follow-dynamics' requires shear.drag, on which the growth of oscillations "
+                "depends"
             )
         if len(self.strain) < 2 or self.strain[0] != 0.0:
             raise ValueError("shear.strain needs at least two turning points, the first of them 0.0, as in [0.0, 0.02]")

@@ -48,7 +48,7 @@ class Onset(NamedTuple):
     above: float
     offset: np.ndarray  # (K,) γ − γ_c
     im_lambda: np.ndarray  # (K,) Im λ of the pair [1/time²]
-    exponent: float  # exponent of Im λ against γ − γ_c; NaN if other pairs exist
+    exponent: float  # exponent of Im λ as a function of γ − γ_c; NaN if other pairs exist
     at_limit: float  # fraction of contacts at the Coulomb limit just above the birth
     mobilisation: float  # largest |F_t|/(μ F_n) just above the birth; NaN without friction
 
