@@ -271,7 +271,7 @@ def _numbers(run: FaultResult, published: dict):
             yield f"{direction}-{where}", "surface", "m", value, measured
 
 
-HALF, BESIDE = 20e3, 9.765625  # half length of the fault; distance of the first station, one CYCLAPS cell [m]
+HALF, BESIDE = 20e3, 9.765625  # half-length of the fault; distance of the first station: one CYCLAPS cell [m]
 FINE, COARSE = 3072, 1024  # numbers of cells
 DAY = 86400.0
 # time [s], slip [m], log10 of the slip velocity, shear stress and pressure [MPa] at the CYCLAPS stations

@@ -38,7 +38,7 @@ class FaultResult(NamedTuple):
 
     @property
     def seismic_moment(self) -> np.ndarray:
-        """Seismic moments of the events for `line.strike_length` (E,); NaN if it is not given [N m]."""
+        """Seismic moments (E,) of events with the length `line.strike_length`; NaN if it is not given [N m]."""
         return self.history.events.moment * (self.scenario.line.strike_length or np.nan)
 
     @property

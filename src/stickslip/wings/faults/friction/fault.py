@@ -283,7 +283,7 @@ def _check_geometry(fault: Fault) -> None:
     if fault.shear == "in-plane" and fault.boundary == "periodic":
         raise ValueError("boundary must be 'surface' or 'infinite' for in-plane shear, got 'periodic'")
     if not 0 < fault.dip <= 90:
-        raise ValueError(f"dip must be above 0 and at most 90 degrees, got dip = {fault.dip:g}")
+        raise ValueError(f"dip must be above 0 and at most 90 degrees, got {fault.dip:g}")
     if not fault.dips and (fault.dip != 90 or fault.slip != "thrust"):
         raise ValueError(
             f"dip = {fault.dip:g} and slip = {fault.slip!r} require in-plane shear and boundary = 'surface', got "

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # safety factor, and limits of the ratio of successive step sizes
 TOLERANCE = 1e-4  # tolerated error per step of slip/D_c and of ln θ
 MOST_YEARS = 1e6  # about 10,000 earthquakes
-REPORTED = 2000  # steps between two reports
+REPORTED = 2000  # number of steps between two reports
 # fields of `FaultHistory` whose first dimension is neither M samples nor P profiles
 ALONE = ("fault", "station", "surface", "profile_depth", "events", "energy", "state", "steps", "rejected")
 

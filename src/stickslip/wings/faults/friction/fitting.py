@@ -83,7 +83,7 @@ class Fit(NamedTuple):
     fixed: dict  # name → value, including v0
     difference: tuple[float, float, float]  # a − b and its 95 % interval
     identifiable: bool  # True if the data determine all parameters
-    adequate: bool  # True if the fit describes the record: residuals are fast and small, like its noise
+    adequate: bool  # True if the fit describes the record: residuals are as fast and small as its noise
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array per data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
@@ -217,7 +217,7 @@ def solve_fit(
         x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
     rest = filtered_residual(task, x, filters)
-    # the larger of the noise between samples and that of the bulk of the residuals
+    # the larger of two estimates of the noise: between neighbouring samples, and from the bulk of the residuals
     level = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
     reduced = float(np.sqrt(np.mean(rest**2))) / max(level, TINY)
     if reduced > MOST_REDUCED:

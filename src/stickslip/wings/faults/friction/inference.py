@@ -1,7 +1,7 @@
 """Conclusions from a fit: the posterior of its parameters, its comparison with another fit, and possible remedies.
 
 The posterior is sampled by Markov chains with emcee. The priors are uniform in the coordinates of the fit: logarithms
-of positive parameters, and the others themselves. The likelihood is that of the filtered residuals, with the
+of positive parameters, and values of all others. The likelihood is that of the filtered residuals, with the
 autoregressive noise found by the fit. The size of the noise is integrated out. S is the sum of squares of the filtered
 residuals, S₀ its minimum and m the number of parameters; the degrees of freedom ν and the variance s² are those of the
 intervals of `fit`. Then
@@ -29,7 +29,7 @@ LONG = 50.0  # required length of a chain in autocorrelation times
 BURN = 5.0  # number of initial autocorrelation times that are discarded
 FITTED = 0.1  # fraction of the work after which the best fit is known
 LEAST = 300  # smallest number of steps of a chain, even for short autocorrelation times
-BLOCK = 50  # steps between two estimates of the autocorrelation time
+BLOCK = 50  # number of steps between two estimates of the autocorrelation time
 FREEDOM = 4.0  # degrees of freedom of the proposals; their tails must be wider than those of the posterior
 MOST_DRAWS = 10_000
 
@@ -244,7 +244,7 @@ SURE = 16.0  # smallest significant χ² of the trends: four standard errors for
 STEEP = 3.0  # ratio of stiffness to steepest rise of friction, or its inverse, beyond which the record is fitted again
 FAR, SURELY = 2.0, 1.1  # smallest ratio of stiffnesses that contradict each other, without and with an interval
 CLEAR = 2.0  # distance in half widths of the 95 % interval at which a stiffness contradicts an adequate fit
-NEAR = 1.3  # largest ratio at which a unit still explains a stiffness
+NEAR = 1.3  # largest ratio of two stiffnesses that count as equal in the search for a unit
 BY_LENGTH = {"1/cm": 1e2, "1/mm": 1e3, "1/um": 1e6}  # in 1/m
 BY_STRESS = {"Pa/m": 1.0, "kPa/m": 1e3, "MPa/m": 1e6, "GPa/m": 1e9}  # in Pa/m; GPa/m = MPa/mm
 NORMAL = 1e4, 1e9  # range of normal stress in laboratories [Pa]

@@ -114,7 +114,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
 
 
 def _doubt_friction(path: Path, values: dict[str, np.ndarray]) -> None:
-    """Warn of friction that no material has (as in per cent) or that contradicts the recorded stresses."""
+    """Warn of friction that no material has (perhaps in per cent) or that contradicts the recorded stresses."""
     usual = float(np.median(np.abs(values["friction"])))
     told = f"{path}: friction is about {usual:.3g}"
     if usual > MOST_FRICTION or 0 < usual < LEAST_FRICTION:

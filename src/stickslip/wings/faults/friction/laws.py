@@ -349,7 +349,7 @@ def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | 
     time, velocity = np.asarray(time, float), np.asarray(velocity, float)
     check_times(time)
     if velocity.shape != (len(time) - 1,):
-        raise ValueError(f"velocity has shape {velocity.shape} for {len(time)} times: give {len(time) - 1} pieces")
+        raise ValueError(f"velocity has shape {velocity.shape} for {len(time)} times: give {len(time) - 1} velocities")
     if not (np.isfinite(velocity).all() and (velocity >= 0).all()):
         worst = velocity[np.flatnonzero(~(velocity >= 0))[:1]]
         raise ValueError(f"slip velocities must be finite and not negative, got {worst}")

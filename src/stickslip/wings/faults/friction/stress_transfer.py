@@ -46,7 +46,7 @@ def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.
     at : (P,) complex points x + iz
     ends : (N + 1,) distances down dip between which the N cells slip
     dip : ψ [degrees]
-    image : True for only the part that the free surface adds to the stress in an infinite body
+    image : True to return only the part that the free surface adds to the stress in an infinite body
 
     Returns
     -------
@@ -262,7 +262,7 @@ def stress_matrix(number: int, cell: float, modulus: float, boundary: str) -> np
     return out
 
 
-INSTANTS = 400  # times at which the normal stress is checked before a simulation
+INSTANTS = 400  # number of times at which the normal stress is checked before a simulation
 
 
 @readable
@@ -416,7 +416,7 @@ def read_stress_table(path: str | Path) -> StressTable:
     except (ValueError, IndexError, csv.Error):
         raise ValueError(
             f"{path} is not a table of numbers: give depths in m in the first row, after a first cell with any "
-            f"text, then rows of a time in s and changes of normal stress in Pa"
+            f"text, then rows with a time in s and changes of normal stress in Pa"
         ) from None
     try:
         table.check()

@@ -65,7 +65,7 @@ TOLERANCE = {
 }
 
 
-CERTAIN = 3.0  # in standard errors: of 27 steps between neighbours, one is this far below 0 by chance in 4 % of cases
+CERTAIN = 3.0  # in standard errors: among 27 steps between neighbours, chance puts one this far below 0 in 4 % of cases
 MUCH = 10.0  # "much faster": the paper's numbers differ by a factor of 27 to 54
 
 

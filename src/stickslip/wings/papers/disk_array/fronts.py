@@ -28,7 +28,7 @@ class Transition(NamedTuple):
     slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
     # velocity of the centre of mass over the last third of the run; NaN unless all disks slid earlier [length/time]
     velocity: float  # [length/time]
-    wall_first: float  # 1 if the first contact at the Coulomb limit is with the substrate, 0 if not; NaN if none is
+    wall_first: float  # 1 if the first contact at the Coulomb limit is with the substrate, 0 if not; NaN if none
     msd_at_breach: float  # M when the first contact with the substrate reaches the Coulomb limit [length²]
     unloading: np.ndarray  # (N,) overlap with the substrate at the breach of each disk, over that before the run
     power: float  # p in M ∝ (t − t_b)^p over the last third of the run, t_b the first breach; NaN unless all disks slid

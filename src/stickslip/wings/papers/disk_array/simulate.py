@@ -61,13 +61,13 @@ class Ensemble(NamedTuple):
 
 @result_of(EXPERIMENT)
 class DiskArrayResult(NamedTuple):
-    """Results of a run of a scenario."""
+    """Results of a scenario."""
 
     scenario: DiskArrayScenario
     law: Law
     pressed: State
     pressed_spectrum: Spectrum
-    path: list[Equilibrium]  # their loads are in the scenario's numbers
+    path: list[Equilibrium]  # equilibria along the path, with loads in the scenario's numbers
     families: list[Family]
     coarse_families: list[Family]  # pairs on the same path with twice the load step, if requested
     free_runs: dict[float, FreeRun]

@@ -276,7 +276,7 @@ def evaluate_claims(holds: dict[str, GougeResult], more: dict[str, GougeResult])
 
 
 def _scale_note(result: GougeResult) -> str:
-    """Describe the scale of a result."""
+    """Describe the scale of a result: its samples, grains and damping."""
     chosen, first = result.scenario, result.realizations[0]
     branches = len({(t.part, t.branch) for t in first.tests if t.kind in ("hold", "step", "reslide")})
     return (

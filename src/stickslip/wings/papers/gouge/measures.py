@@ -48,7 +48,7 @@ def _steady_pieces(sample: Realization, velocity: float, window: float, column: 
 
 @checked
 def steady_slip(result: GougeResult, velocity: float) -> float:
-    """Slip over which steady friction at a velocity is averaged in a sample, the smallest among samples [m]."""
+    """Slip over which steady friction at a velocity is averaged in a sample: the smallest of all samples [m]."""
     rows = [_steady_pieces(sample, velocity, _window(result), "friction") for sample in result.realizations]
     return velocity * result.scenario.interval * min(sum(map(len, pieces)) for pieces in rows)
 

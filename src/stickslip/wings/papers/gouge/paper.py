@@ -149,7 +149,7 @@ def reproduce(
     paper_size : run the scenarios of the paper's size instead
     realizations : number of samples for each of these scenarios; 8 if both this and `samples` are None
     samples : folder with samples of the paper's size. Without `realizations`, the stored samples are evaluated and
-        none are run. With it, missing samples are run and added, and all are evaluated.
+        none are run. Otherwise, missing samples are run and added, and all are evaluated.
     """
     names = [MAIN, LOW] if paper_size else [MAIN, CALIBRATED] if quick else list(DAMPINGS)
     size = {"quick": quick, "paper_size": paper_size, "realizations": realizations, "samples": samples}

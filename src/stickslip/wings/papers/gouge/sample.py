@@ -136,7 +136,7 @@ def make_range(scenario: GougeScenario, velocity: float, thickness: float, overl
 
 
 SPACING = 1.05  # spacing of the lattice on which grains are placed, in units of the largest diameter
-CHUNK = 500  # steps between checks of a settling sample
+CHUNK = 500  # number of steps between checks of a settling sample
 MAX_KINETIC_RATIO = 1e-3  # largest ratio of kinetic to elastic energy at rest
 BOTTOM, TOP = 0, 1  # indices of the rigid groups
 
@@ -177,7 +177,7 @@ def gouge_law(scenario: GougeScenario, mu: float) -> Law:
 
 
 def damping(scenario: GougeScenario) -> float:
-    """Damping γ_n of a scenario, stated or from its restitution [1/(m s)]."""
+    """Damping γ_n of a scenario, stated or computed from its restitution [1/(m s)]."""
     return float(gouge_law(scenario, 0.0).table[0, 0, builtin.DAMPING_N])
 
 

@@ -410,7 +410,7 @@ class GougeScenario(ScenarioBase):
                 marks = [round(hold / self.interval) for hold in sorted(part.holds)]
                 if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
                     raise ValueError(
-                        f"{name}: holds must last at least two samples and differ by at least one, "
+                        f"{name}: holds must last at least two samples and differ by at least one sample, "
                         f"{self.interval:.2g} s, and the longest must last at least {LEAST} samples, got "
                         f"{list(part.holds)}: lower sample_every"
                     )

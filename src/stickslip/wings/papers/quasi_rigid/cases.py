@@ -200,7 +200,7 @@ KICK = 1e-2  # random velocities, in overlaps per contact time
 TIME, LOOKS, DRAG = 200.0, 200, 0.02  # duration of vibrations, number of checks of the statuses, drag of slow dynamics
 BURST = 10.0  # kinetic energy, over that of the kick, above which a motion counts as a collapse
 PRESSURES = (1e-5, 1e-4, 1e-3)
-SMALL = 30  # number of disks of the packings at several pressures
+SMALL = 30  # number of disks in packings that are prepared at several pressures
 
 
 class SlidingState(NamedTuple):
@@ -210,7 +210,7 @@ class SlidingState(NamedTuple):
     slide: int  # number of critical contacts that slide under the load
     reverse: int  # number of critical contacts that slide under the reverse load
     least_eigenvalue: bool | None  # True if no status has a smaller eigenvalue of sym k than the one in which all slide
-    least_determinant: bool | None  # the same for det k
+    least_determinant: bool | None  # True if no status has a smaller det k than the one in which all slide
     shares: np.ndarray  # contribution of each sliding contact to Q(v), over Q, for the velocity v under the load
 
 
@@ -276,7 +276,7 @@ class Vibration(NamedTuple):
 
     critical: int
     kicked: float  # switches per contact between sliding and sticking
-    still: float  # the same without a kick
+    still: float  # switches per contact without a kick
     energy: float  # largest kinetic energy after the kick, over that of the kick
 
 

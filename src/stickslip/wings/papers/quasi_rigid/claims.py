@@ -50,7 +50,7 @@ LOOKS = 8  # number of states of each path before its last tenth
 EXPONENT = 0.02  # tolerance of the exponent: t and t^1.02 differ by 10 % over two decades
 SLOPE = 0.25  # tolerance: half the distance to the next half-integer order
 RATE = 0.02  # tolerance of a rate, the same as that of the exponent
-LINEARISED = 1e-5  # relative error of Table I, ten times the motion over the overlap
+LINEARISED = 1e-5  # tolerated relative error in Table I: ten times the ratio of motion to overlap
 BALANCED = 1e-6  # largest unbalanced fraction of a load; round-off of k is 1e-10
 HUNDREDS, DISKS = 100, 1600
 MOTION = 1e-10  # random motion of `table_one` for one disk, a millionth of its overlap
@@ -229,7 +229,7 @@ def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
 
 
 CASES = 500
-RELATIONS = 1e-5  # relative error of Table I: a hundred times 1e-7, the step and the size of neglected terms
+RELATIONS = 1e-5  # tolerated relative error in Table I: a hundred times 1e-7, the step and size of neglected terms
 COLLAPSE = 0.02  # tolerance: two increments of the slow load, the resolution of the collapse load
 YIELD = '"when the assumption of stability for all possible states is violated, we expect the packing to yield"'
 SHOWS = {

@@ -322,7 +322,7 @@ def motion_claims(main: ShearResult) -> list[Claim]:
 
 DRAG = 2.2e-2  # η_0 of the paper [1/time]
 DIAMETER = 1.0  # 2σ_1, the unit of length
-LEVEL = 0.05  # level of the test of isotropy
+LEVEL = 0.05  # significance level of the test of isotropy
 
 
 def protocol_claims(main: ShearResult) -> list[Claim]:
@@ -457,9 +457,9 @@ class Stretch(NamedTuple):
 def exponential_stretch(run: Released) -> Stretch | None:
     """Find the part of a run in which M follows exp(2 ω_i t) with the predicted ω_i.
 
-    In this part, the running maximum of M lies within a factor of two of this exponential, matched in the fit window.
-    Before it, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross the fit
-    window.
+    In this part, the running maximum of M lies within a factor of two of this exponential, which is matched to M in the
+    fit window. Before it, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross
+    the fit window.
     """
     if run.growth is None:
         return None
