@@ -33,7 +33,7 @@ class Reproduction(NamedTuple):
     """Benchmark result, results with longer cells, and evaluated claims."""
 
     main: FaultResult
-    coarser: tuple[FaultResult, ...]  # with cells twice as long, four times as long …
+    coarser: tuple[FaultResult, ...]  # results with cells twice as long, four times as long …
     claims: list[Claim]
 
 

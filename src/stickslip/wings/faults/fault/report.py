@@ -143,7 +143,7 @@ EVENT_UNITS = {"seismic_moment": "N m"}
 
 
 def event_table(result: FaultResult) -> dict[str, np.ndarray]:
-    """Columns of the events, with moments and magnitudes if the length along strike is given."""
+    """Columns of the event table, with moments and magnitudes if the length along strike is given."""
     columns = result.history.events._asdict()
     if result.scenario.line.strike_length:
         columns |= {"seismic_moment": result.seismic_moment, "magnitude": result.magnitude}

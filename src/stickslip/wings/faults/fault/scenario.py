@@ -171,7 +171,7 @@ class FaultScenario(ScenarioBase):
     run: FaultRun = FaultRun()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over cells, points and profiles; an event is assumed to last while a shear wave crosses the fault."""
+        """Iterate over sizes: cells, points and profiles; an event is assumed to last one transit of a shear wave."""
         line, run = self.line, self.run
         points, quiet = line.width / run.spacing, run.years / run.interval
         seismic = line.width / self.medium.wave_speed / run.seismic_interval

@@ -134,7 +134,7 @@ def posterior(
 
 
 def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
-    """Return three functions: log-density, proposal of the sampler with its log-ratio, and random points.
+    """Return three functions: the log-density, the sampler's proposal with its log-ratio, and random points.
 
     All three refer to the best fit under the final noise.
     """

@@ -126,7 +126,7 @@ def state_history(start: float, duration, velocity, v0: float, dc: float, law: s
     return out
 
 
-EARLY, POINTS = 1e-5, 60  # default times in a leg: the first over its duration; the number on the log and linear grid
+EARLY, POINTS = 1e-5, 60  # default times in a leg: the first, over its duration; the number on each grid (log, linear)
 
 
 @readable

@@ -112,7 +112,7 @@ class StressTransfer(NamedTuple):
     phases: np.ndarray  # (2, N) cosine and sine of πj/(2L)
     roots: np.ndarray  # (2, M) cosine and sine of −2πj/M, with M the longer side of the table of L = R × C places
     turns: np.ndarray  # (2, R, C) factors between transforms along both sides of the table
-    symbol: np.ndarray  # (L,) values for the convolution, over L, in the order of `_order_of_roots` [stress/length]
+    symbol: np.ndarray  # (L,) values for the convolution, divided by L, in the order of the transforms [stress/length]
     reflected: np.ndarray | None  # (2, L) real and imaginary values for mirrored slip; None without a surface
     image: tuple | None = None  # effect of a free surface on in-plane slip, see `_image`
     sense: int = 1  # −1 for a normal fault

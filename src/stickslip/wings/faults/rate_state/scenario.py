@@ -97,7 +97,7 @@ class RateStateScenario(ScenarioBase):
     samples: Samples = Samples()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over the number of samples."""
+        """Iterate over sizes: the number of samples."""
         number = self.samples.number * len(self.legs)
         yield Size("samples.number and legs make", number, "samples", "use fewer samples or legs")
 

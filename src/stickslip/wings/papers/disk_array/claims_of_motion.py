@@ -154,7 +154,7 @@ def backward_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
 
 
 def _starts(main: DiskArrayResult) -> list[Claim]:
-    """Claims about the disk at which each front starts, in more than half of the realisations."""
+    """Claims about the disk at which each front starts in more than half of the realisations."""
     k = main.scenario.sliding.thresholds.index(V2_THRESHOLD)
     groups = [main.sliding[load] for load in FRONT_LOADS]
     pushed, last = main.scenario.load.disk - 1, int(backward_order(main)[0][0])

@@ -163,7 +163,7 @@ def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | Non
 def mode_shape(spectrum: Spectrum, index: int):
     """Components of one mode by coordinate: x, y and R·angle of all disks (Fig 6)."""
     require_index(spectrum.modes.shape[1], index=index)
-    index = int(index)  # True would be a mask
+    index = int(index)  # as an index, True would be a mask
     figure, axes = style.column_axes(height=2.3)
     mode = spectrum.modes[:, index]
     mode = mode * np.exp(-1j * np.angle(mode[np.argmax(np.abs(mode))]))

@@ -34,7 +34,7 @@ Number = Annotated[int, Field(ge=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
 MOST = LIMITS["grains"]
 LEAST = 8  # minimum number of samples of a leg, for a mean with an error
-FASTEST = 1e7  # grain-steps per second and process, for a cost estimate before the start
+FASTEST = 1e7  # number of grain-steps per second and process, for a cost estimate before the start
 
 
 class GougeGrains(ScenarioTable):
@@ -344,7 +344,7 @@ class GougeScenario(ScenarioBase):
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realisation")
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over grains, branches, memory of their states, and samples."""
+        """Iterate over sizes: grains, branches, memory of their states, and samples."""
         yield Size(
             "cell.length and cell.width make plates of",
             self.plate_grains,

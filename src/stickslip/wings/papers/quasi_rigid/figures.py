@@ -1,4 +1,4 @@
-"""Figures of quasi-rigid loading (McNamara & Herrmann 2006): curves, forces in the Coulomb cone, stiffness, errors."""
+"""Figures of quasi-rigid loading (McNamara & Herrmann 2006): curves, contact forces, stiffness and errors."""
 
 from itertools import cycle
 from typing import Annotated, Any

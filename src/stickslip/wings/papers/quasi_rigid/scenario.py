@@ -97,7 +97,7 @@ class QuasiScenario(ScenarioBase):
         return 2
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over load increments, and memory of the states along a path."""
+        """Iterate over sizes: load increments, and memory of the states along a path."""
         steps = 1 / self.loading.increment
         yield Size("loading.increment makes", steps, "load steps", "use a larger increment")
         memory = STATE * self.disks.number * steps

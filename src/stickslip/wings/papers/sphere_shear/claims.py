@@ -44,10 +44,10 @@ TOLERANCE = {
     "exponent": 0.05,  # the next term of the expansion is of the order of the distance to the birth, a few per cent
     "pairs": 0.0,  # counts
     "rate": 1e-3,  # linear theory with Verlet's correction is exact; the ends of the fit window are not
-    "frequency": 1e-4,  # the phase is known to a fraction of a turn over some thousand turns
+    "frequency": 1e-4,  # the phase is known to a fraction of a turn over the many turns of the fit window
     "decades": 0.2,  # the paper prints "about 10": two more or less
     "constant": 1.0,  # not printed; M grows by a factor of two between two evaluations of the spectrum
-    "drop": 1.0,  # one run of one packing: a factor of two either way
+    "drop": 1.0,  # from one run of one packing; a factor of two either way
     "contacts": 1.0,  # not printed
     "im-lambda": 1.0,  # one state, chosen by the authors among those with a single pair: a factor of two
     "later": 1.0,  # not printed

@@ -10,7 +10,7 @@ from ....kit import Requirement, Result, pluralize, require_filled, style
 
 IM = (r"$\mathrm{Im}\,\lambda$", r"$k_n\sqrt{2\sigma_1}/m$")  # quantity and unit
 M = ("$M$", "diameters²")
-FINE = 8  # points drawn from one stored point of a path to the next
+FINE = 8  # number of points drawn from one stored point of a path to the next
 
 _KIND = "run of a ShearResult"
 _Path = Annotated[Any, Result("ShearPath", ("pairs", "strain", "onset", "largest"))]

@@ -88,7 +88,7 @@ class ShearScenario(ScenarioBase):
     release: Release = Release()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over strain steps, memory of the states along a path, and time steps of a run."""
+        """Iterate over sizes: strain steps, memory of the states along a path, and time steps of a run."""
         shear, release = self.shear, self.release
         steps = sum(abs(b - a) / d for (a, b), d in zip(pairwise(shear.strain), shear.steps, strict=True))
         yield Size("shear takes", steps, "load steps", "use a larger shear.step")
