@@ -152,7 +152,7 @@ def test_a_leg_continues_from_pieces_of_another_length(tmp_path):
             {"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]},
             "must be at least two windows",
         ),
-        ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "slip and two windows, 8"),
+        ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "slip plus two windows, 8"),
         ({"protocol": SLIDE, "cell": {"length": 0.01}}, "stay clear of their periodic images"),
         ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "the smallest and the largest diameter"),
         ({"protocol": SLIDE, "load": {"definition": "newton"}}, "per_area"),

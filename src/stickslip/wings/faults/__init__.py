@@ -1,1 +1,1 @@
-"""Faults without grains: rate-and-state friction, records and their fits, spring-sliders, earthquake cycles."""
+"""Faults without grains: rate-and-state friction, records and their fits, spring-sliders, and earthquake cycles."""

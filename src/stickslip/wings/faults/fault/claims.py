@@ -3,9 +3,9 @@
 BP1-QD, earthquakes on a vertical strike-slip fault: Erickson et al. 2020, doi:10.1785/0220190248; description by B.
 Erickson and J. Jiang, 13 April 2018, which prints rough numbers as a "sanity check". Recurrence is compared with the
 time series that three groups uploaded to the SEAS platform: HBI (S. Ozawa, 2024, boundary elements of 10 m in a
-half-space) 78.34 years, tandem (C. Uphoff, 2021, discontinuous Galerkin method) 78.28 years, BICyclE (J. Jiang, 2018,
-spectral boundary elements of 25 m, periodic) 78.85 years. Each value follows from the times of two events, which are
-11, 28 and 30 intervals apart, respectively.
+half-space) 78.34 years, tandem (C. Uphoff, 2021, discontinuous Galerkin method) 78.28 years, and BICyclE (J. Jiang,
+2018, spectral boundary elements of 25 m, periodic) 78.85 years. Each value follows from the times of two events, which
+are 11, 28 and 30 intervals apart, respectively.
 
 BP3-QD, earthquakes on a dipping thrust or normal fault: Erickson et al. 2023, doi:10.1785/0120220066; description by B.
 Erickson, J. Jiang and E. Dunham, 1 October 2021. Public FDRA time series (C. Cattania and Y. Sun, 2020 and 2021,
@@ -14,7 +14,7 @@ at the surface. None were found for the other dips.
 
 BP6-QD, aseismic slip due to fluid injected into a fault: Lambert et al. 2025, doi:10.1029/2024JB030601. The parameters
 are those of the public inputs of tandem, RSFaultZ and QDBIM, which agree. Results are compared with a public copy of
-the CYCLAPS series (P. Dublanchet, 2024), which are for the aging law only. Their pressures show that "z = 0" is the
+the CYCLAPS series (P. Dublanchet, 2024), which exist for the aging law only. Their pressures show that "z = 0" is the
 cell beside the source, 9.77 m away, and "z = 0.5 km" is 50 cells away.
 """
 
@@ -33,7 +33,7 @@ class Reproduction(NamedTuple):
     """Benchmark result, results with longer cells, and evaluated claims."""
 
     main: FaultResult
-    coarser: tuple[FaultResult, ...]  # with cells twice as long, four times as long …
+    coarser: tuple[FaultResult, ...]  # results with cells twice as long, four times as long …
     claims: list[Claim]
 
 
@@ -46,7 +46,7 @@ def bp1_scenario(*, quick: bool = False, seed: int = 0, cell: float | None = Non
 def reproduce_bp1(
     *, quick: bool = False, seed: int = 0, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> Reproduction:
-    """Run the benchmark and evaluate its claims; arguments as in `simulate_cycles`."""
+    """Run the benchmark and evaluate its claims; the arguments are those of `simulate_cycles`."""
     main = simulate_cycles(bp1_scenario(quick=quick, seed=seed), folder=folder, report=report)
     coarser = []
     for cell in (100.0,) if quick else (50.0, 100.0):
@@ -146,7 +146,7 @@ def _event_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> list[C
 
 
 STATION = 7500.0  # distance down dip of the published series [m]
-SURFACE = (-32e3, -16e3, -8e3, -0.01, 0.01, 8e3, 16e3, 32e3)  # [m]
+SURFACE = (-32e3, -16e3, -8e3, -0.01, 0.01, 8e3, 16e3, 32e3)  # distances of stations from the trace [m]
 CELLS, QUICK_CELLS = (25.0, 50.0), (50.0, 62.5)  # cell lengths: main runs, and coarser runs for errors [m]
 YEARS = (250.0, 490.0)  # years at which slip [m], shear stress and normal stress [MPa] are compared
 FDRA = {
@@ -193,7 +193,7 @@ def bp3_scenario(
 def reproduce_bp3(
     *, quick: bool = False, seed: int = 0, folder=None, workers=None, report: Report = silent
 ) -> Reproduction:
-    """Run the benchmark: dips with published series at both cell lengths, others with the coarser cells only."""
+    """Run the benchmark: both cell lengths for dips with published series, only the coarser cells for the others."""
     fine, coarse = QUICK_CELLS if quick else CELLS
     cases = [(dip, slip, cell) for cell in (fine, coarse) for dip, slip in FDRA]
     cases += [] if quick else [(dip, slip, coarse) for dip, slip in OTHERS]
@@ -271,7 +271,7 @@ def _numbers(run: FaultResult, published: dict):
             yield f"{direction}-{where}", "surface", "m", value, measured
 
 
-HALF, BESIDE = 20e3, 9.765625  # half length of the fault; distance of the first station, one CYCLAPS cell [m]
+HALF, BESIDE = 20e3, 9.765625  # half-length of the fault; distance of the first station: one CYCLAPS cell [m]
 FINE, COARSE = 3072, 1024  # numbers of cells
 DAY = 86400.0
 # time [s], slip [m], log10 of the slip velocity, shear stress and pressure [MPa] at the CYCLAPS stations
@@ -289,7 +289,7 @@ BP6_TOLERANCE = {
     "slip": 5e-3,
     "velocity": 1e-3,  # relative to log10 V, so about 0.01 in log10 V
     "stress": 1e-3,
-    "pressure": 1e-3,  # CYCLAPS integrates the diffusion
+    "pressure": 1e-3,  # CYCLAPS solves the diffusion equation numerically
 }
 BP6_SHOWS = {
     "Sec 3": ("initial state", "initial-state"),

@@ -23,7 +23,7 @@ MOST_CURVES = 6  # largest number of stations drawn
 
 @styled
 def slip_contours(history: FaultHistory, events: int | None = None):
-    """Slip against depth at regular intervals, with blue profiles outside events and red ones within events.
+    """Slip against depth at regular time intervals, with blue profiles outside events and red ones within events.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def _interval(times, seismic: bool) -> str:
 
 @styled
 def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
-    """Maximum slip velocity over the fault against time."""
+    """Maximum slip velocity on the fault against time."""
     require_positive(threshold=threshold)
     figure, axes = column_axes(1, 2.1)
     axes.semilogy(history.time / YEAR, history.max_velocity, color=BLUE, lw=0.6)

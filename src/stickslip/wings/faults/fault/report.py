@@ -1,6 +1,6 @@
-"""Output of earthquake cycles: files of the SEAS platform, figures, archive, terminal summary and measures.
+"""Output of earthquake cycles: files for the SEAS platform, figures, archive, terminal summary and measures.
 
-Files follow sections 4 and 5 of the description of BP1-QD (B. Erickson and J. Jiang, 2018). Those of dipping faults
+Files follow sections 4 and 5 of the description of BP1-QD (B. Erickson and J. Jiang, 2018). Files of dipping faults
 follow section 4 of the description of BP3-QD (B. Erickson, J. Jiang and E. Dunham, 2021), in which slip and shear
 stress of normal faults are negative.
 """
@@ -137,13 +137,13 @@ def write_profiles(history: FaultHistory, quantity: str, path: Path) -> None:
         np.savetxt(file, rows, fmt=layout)
 
 
-SHOWN = 12  # events in a table
+SHOWN = 12  # largest number of events in a table
 EVENTS = "events.csv"
 EVENT_UNITS = {"seismic_moment": "N m"}
 
 
 def event_table(result: FaultResult) -> dict[str, np.ndarray]:
-    """Columns of the events, with moments and magnitudes if the length along strike is given."""
+    """Columns of the event table, with moments and magnitudes if the length along strike is given."""
     columns = result.history.events._asdict()
     if result.scenario.line.strike_length:
         columns |= {"seismic_moment": result.seismic_moment, "magnitude": result.magnitude}
@@ -167,7 +167,7 @@ def write_events(result: FaultResult, path: Path) -> None:
 
 
 def figures(result: FaultResult):
-    """Yield (file name, Figure) of a run."""
+    """Yield (file name, Figure) for each figure of a run."""
     history = result.history
     yield "fig1_slip.png", figures_of.slip_contours(history)
     yield "fig2_velocity.png", figures_of.max_slip_velocity(history, result.scenario.run.threshold)
@@ -180,7 +180,7 @@ def figures(result: FaultResult):
 
 
 def files(result: FaultResult):
-    """Yield (file name, function that writes it) in the format of the SEAS platform."""
+    """Yield (file name, function that writes it) for each file, in the format of the SEAS platform."""
     history = result.history
     yield EVENTS, partial(write_events, result)
     for number, depth in enumerate(history.station):
@@ -204,7 +204,7 @@ def remarks(result: FaultResult) -> list[str]:
 
 
 def numbers(result: FaultResult) -> dict:
-    """Return the contents of the archive, besides scenario and version."""
+    """Return the contents of the archive other than scenario and version."""
     h = result.history
     series = {
         name: getattr(h, name)
@@ -280,7 +280,7 @@ def _known(value: float) -> str:
 
 
 def _table_of_sources(result: FaultResult):
-    """Moments and stress drops."""
+    """Table of moments and stress drops of the events."""
     events, length = result.history.events, result.scenario.line.strike_length
     size = ("moment [N m]", "M_w") if length else ("moment [N]",)
     table = new_table(
@@ -310,7 +310,7 @@ def _cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
 
 
 def _of_events(name: str, unit: str, meaning: str, of=None) -> Quantity:
-    """Mean over settled events; NaN if there are none."""
+    """Mean of a quantity over settled events; NaN if there are none."""
 
     def mean(result: FaultResult) -> float:
         values = of(result.late_events) if of else getattr(result.late_events, name)

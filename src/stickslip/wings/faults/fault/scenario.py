@@ -171,7 +171,7 @@ class FaultScenario(ScenarioBase):
     run: FaultRun = FaultRun()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over cells, points and profiles; events are assumed to last for the transit of a shear wave."""
+        """Iterate over sizes: cells, points and profiles; an event is assumed to last one transit of a shear wave."""
         line, run = self.line, self.run
         points, quiet = line.width / run.spacing, run.years / run.interval
         seismic = line.width / self.medium.wave_speed / run.seismic_interval
@@ -201,7 +201,7 @@ class FaultScenario(ScenarioBase):
 
     @property
     def changes(self) -> tuple[Injection | Oscillation | StressTable, ...]:
-        """Changes in normal stress over time."""
+        """Imposed changes of the normal stress over time."""
         fluid, stress = self.injection.model_dump(), self.normal_stress
         stop = fluid.pop("stop") or float("inf")
         source = (Injection(**fluid, stop=stop),) if fluid["flux"] else ()
@@ -215,7 +215,7 @@ class FaultScenario(ScenarioBase):
 
     @property
     def fault(self) -> Fault:
-        """The fault."""
+        """Fault of the scenario."""
         surface = {name: value for name, value in self.friction.model_dump().items() if value is not None}
         profiles = {name: surface.pop(name, None) for name in ("a", "b", "dc", "normal", "b2", "dc2")}
         return line_fault(

@@ -38,7 +38,7 @@ class FaultResult(NamedTuple):
 
     @property
     def seismic_moment(self) -> np.ndarray:
-        """Seismic moments of the events for `line.strike_length` (E,); NaN if it is not given [N m]."""
+        """Seismic moments (E,) of events with the length `line.strike_length`; NaN if it is not given [N m]."""
         return self.history.events.moment * (self.scenario.line.strike_length or np.nan)
 
     @property
@@ -55,7 +55,7 @@ class FaultResult(NamedTuple):
 
     @property
     def crept_length(self) -> float:
-        """Length of cells that slipped at least D_c more than the plates; NaN if normal stress is constant [m]."""
+        """Total length of cells that slipped D_c or more beyond the plates; NaN if normal stress is constant [m]."""
         fault, state = self.history.fault, self.history.state
         return fault.cell * int((state.excess_slip >= fault.dc).sum()) if fault.changes else np.nan
 
@@ -68,8 +68,8 @@ def simulate_cycles(
 
     Parameters
     ----------
-    folder : run folder, in which the history is saved every 50 simulated years; a killed run resumes from it, bitwise
-    identically
+    folder : run folder, in which the history is saved every 50 simulated years; a killed run resumes from it, bit for
+        bit
     report : called as report(stage, share done, text)
 
     Examples

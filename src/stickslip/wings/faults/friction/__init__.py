@@ -1,1 +1,1 @@
-"""Rate-and-state friction, laboratory records and fits, faults; public names are in `stickslip.friction`."""
+"""Rate-and-state friction, laboratory records and their fits, and faults; public names are in `stickslip.friction`."""

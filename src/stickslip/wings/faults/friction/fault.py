@@ -24,8 +24,8 @@ from .stress_transfer import (
 SHEARS = ("antiplane", "in-plane")
 SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault
 MOST_CELLS = 1_000_000
-MOST_ENTRIES = 1e7  # largest table for the effect of the surface on a dipping fault
-LONGEST_CELL = 1 / 3  # relative to the cohesive length
+MOST_ENTRIES = 1e7  # largest number of entries in the table of surface effects on a dipping fault
+LONGEST_CELL = 1 / 3  # length of the longest allowed cell, relative to the cohesive length
 SEISMIC = 1.0  # slip velocity typical of an earthquake [m/s]
 
 
@@ -54,15 +54,15 @@ class Fault(NamedTuple):
     shear_modulus: float = 32.04e9  # [Pa]
     wave_speed: float = 3464.0  # speed of shear waves; infinite: no radiation damping [m/s]
     poisson: float = 0.25  # Poisson's ratio, for in-plane shear
-    plate_rate: float = 1e-9  # slip velocity of the rest of the plane, or of the plates [m/s]
+    plate_rate: float = 1e-9  # slip velocity of the plane outside the cells, or of the plates [m/s]
     boundary: str = "surface"  # or "infinite" or "periodic"
     thickness: float = np.inf  # thickness of each plate, for a periodic fault [m]
     v1: float = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
     v2: float = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
     b2: np.ndarray | float = 0.0  # (N,) or a number, evolution effect of a second state
-    dc2: np.ndarray | float = 1.0  # (N,) or a number, its characteristic slip; has no effect if b2 = 0 [m]
+    dc2: np.ndarray | float = 1.0  # (N,) or a number, characteristic slip of this state; has no effect if b2 = 0 [m]
     alpha: float = 0.0  # effect of changes of the normal stress on the states
-    changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # in normal stress over time
+    changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # imposed changes of the normal stress over time
     dip: float = 90.0  # dip of a fault that reaches the surface, for in-plane shear [degrees]
     slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
 
@@ -76,7 +76,7 @@ class Fault(NamedTuple):
 
     @property
     def modulus(self) -> float:
-        """G for antiplane and G/(1 − ν) for in-plane shear [Pa]."""
+        """Effective shear modulus: G for antiplane shear, and G/(1 − ν) for in-plane shear [Pa]."""
         return self.shear_modulus / (1 - self.poisson) if self.shear == "in-plane" else self.shear_modulus
 
     @property
@@ -91,7 +91,7 @@ class Fault(NamedTuple):
 
     @property
     def form_code(self) -> int:
-        """Code of the friction form, for kernels."""
+        """Code of the friction form, for the compiled core."""
         return form_code(self.form, *self.cuts)
 
     @property
@@ -101,7 +101,7 @@ class Fault(NamedTuple):
 
     @property
     def evolution(self) -> np.ndarray:
-        """Evolution effect of all states, b + b2 (N,)."""
+        """Sum of the evolution effects of all states, b + b2 (N,)."""
         return self.b + self.b2
 
     @property
@@ -129,12 +129,12 @@ class Fault(NamedTuple):
         return SENSES[self.slip]
 
     def normal_at(self, time: float, excess_slip: np.ndarray | None = None) -> np.ndarray:
-        """Effective normal stress (N,) [Pa] at a time [s], with the effect of slip in excess of plate motion [m]."""
+        """Effective normal stress (N,) [Pa] at a time [s], including effects of slip in excess of plate motion [m]."""
         slipped = 0.0 if excess_slip is None else self.transfer.tractions(excess_slip)[1]
         return sum((change.change(self.depth, time) for change in self.changes), self.normal + slipped)
 
     def state_shift(self, normal: np.ndarray) -> np.ndarray:
-        """Decrease of ln θ due to the change of normal stress from its initial values σ₀ to σ (N,).
+        """Decrease (N,) of ln θ due to a change of the normal stress from its initial values σ₀ to σ.
 
         (α/b) ln(σ/σ₀), from θ' = … − (α/b) θ σ'/σ (Linker and Dieterich 1992, doi:10.1029/92JB00017).
         """
@@ -167,7 +167,7 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     cell : length of a cell; the width must be a multiple of it [m]
     a, b, dc, normal, b2, dc2 : a number, or pairs (depth, value) in order of depth, between which values are
         interpolated linearly; beyond the first and last depth they are constant. `dc` and `dc2` in m, `normal` in Pa;
-        `b2` and `dc2`, which must be given together, belong to a second state variable, see `RateState`
+        `b2` and `dc2`, which must be given together, belong to a second state variable (see `RateState`)
     more : the other fields of `Fault`
 
     Raises
@@ -267,7 +267,7 @@ def _check_values(name: str, values, *, positive: bool) -> None:
 
 
 def check_normal(fault: Fault, until: float) -> None:
-    """Raise ValueError if effective normal stress falls to 0, or grows too large for the cells, before `until` [s]."""
+    """Raise ValueError if, before `until` [s], normal stress falls to 0 or becomes too large for the cell length."""
     breaks = [time for change in fault.changes for time in change.breaks if time <= until]
     for time in sorted([*np.linspace(0.0, until, INSTANTS), *breaks]) if fault.changes else ():
         normal = fault.normal_at(time)
@@ -283,9 +283,7 @@ def _check_geometry(fault: Fault) -> None:
     if fault.shear == "in-plane" and fault.boundary == "periodic":
         raise ValueError("boundary must be 'surface' or 'infinite' for in-plane shear, got 'periodic'")
     if not 0 < fault.dip <= 90:
-        raise ValueError(
-            f"dip must be above 0 and at most 90 degrees, and slip 'thrust' or 'normal', got dip = {fault.dip:g}"
-        )
+        raise ValueError(f"dip must be above 0 and at most 90 degrees, got {fault.dip:g}")
     if not fault.dips and (fault.dip != 90 or fault.slip != "thrust"):
         raise ValueError(
             f"dip = {fault.dip:g} and slip = {fault.slip!r} require in-plane shear and boundary = 'surface', got "
@@ -322,7 +320,7 @@ def _check_cells(fault: Fault) -> None:
 
 
 LOCALIZED = 0.3781  # a/b below which nucleation zones have a fixed length
-FIXED = 1.3774  # half-length of such zones, over L_b
+FIXED = 1.3774  # fixed half-length of nucleation zones, over L_b
 
 
 @checked
@@ -344,9 +342,10 @@ def cohesive_length(modulus: float, b: float, dc: float, normal: float) -> float
 def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: float) -> float:
     """Wavelength 2π/k above which steady slip of an infinite fault is unstable; infinite if a ≥ b.
 
-    The stiffness G k/2 of a sinusoid then equals the critical stiffness (b − a) σ/D_c of `critical_stiffness`, hence
-    π G D_c/[(b − a) σ], for both laws (J. R. Rice and A. L. Ruina 1983, doi:10.1115/1.3167042). With cut-off
-    velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the velocity of sliding (see `Fault.sliding_at`).
+    At this wavelength, the stiffness G k/2 of sinusoidal slip equals the critical stiffness (b − a) σ/D_c (see
+    `critical_stiffness`). The wavelength is π G D_c/[(b − a) σ] for both laws (J. R. Rice and A. L. Ruina 1983,
+    doi:10.1115/1.3167042). With cut-off velocities, A = a/(1 + V/V1) and B = b/(1 + V/V2) at the velocity of sliding
+    replace a and b (see `Fault.sliding_at`).
 
     Examples
     --------
@@ -359,13 +358,13 @@ def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: f
 
 @checked
 def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal: float) -> float:
-    """Half-length of the nucleation zone of the aging law; infinite if a ≥ b.
+    """Half-length of the nucleation zone with the aging law; infinite if a ≥ b.
 
-    For a/b < 0.3781, it is 1.3774 L_b, and zones keep this length while they accelerate. Otherwise it is the length
-    L_b/[π (1 − a/b)²] towards which they grow, if that is larger (Rubin and Ampuero 2005, doi:10.1029/2005JB003686,
+    For a/b < 0.3781, it is 1.3774 L_b, and zones keep this length while they accelerate. Otherwise they grow towards
+    the length L_b/[π (1 − a/b)²], which is used if it is larger (Rubin and Ampuero 2005, doi:10.1029/2005JB003686,
     equations 13 and 31). With the slip law, zones become shorter as they accelerate (Ampuero and Rubin 2008,
-    doi:10.1029/2007JB005082). With cut-off velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the slip
-    velocity of the zone (see `Fault.sliding_at`).
+    doi:10.1029/2007JB005082). With cut-off velocities, A = a/(1 + V/V1) and B = b/(1 + V/V2) at the slip velocity of
+    the zone replace a and b (see `Fault.sliding_at`).
 
     Examples
     --------
@@ -380,7 +379,7 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
     """Half-length of the nucleation zone. With two states, b is the sum of both evolution effects.
 
     The characteristic slip is `fast` = b/(b1/D_1 + b2/D_2) at a rupture tip, where friction falls at the combined rate
-    of both states. It is `mean` = (b1 D_1 + b2 D_2)/b in the fracture energy, which determines long zones.
+    of both states. In the fracture energy, which determines long zones, it is `mean` = (b1 D_1 + b2 D_2)/b.
     """
     if a >= b:
         return np.inf
@@ -393,12 +392,12 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
 
 @readable
 class Nucleation(NamedTuple):
-    """Possibility of earthquake nucleation on a fault. Zone lengths are the smallest of all weakening cells [m]."""
+    """Possibility of earthquake nucleation on a fault. Zone lengths are the smallest among weakening cells [m]."""
 
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]
     cohesive_length: float
-    half_length: float  # half length of a nucleation zone
+    half_length: float  # half-length of a nucleation zone
     sentence: str
 
 
@@ -411,8 +410,8 @@ def nucleation(fault: Fault, velocity: float | None = None) -> Nucleation:
     shortest of three zones, one for both states together and one for each state alone.
 
     With cut-off velocities, the effects are A = a/(1 + V/V1) and B = b/(1 + V/V2), those of steady sliding at the given
-    velocity. The sentence also states whether the sign of the rate dependence changes at velocities up to 1 m/s:
-    earthquakes then also depend on disturbances of the plate motion, and slip may stay slow. Far above V1, where the
+    velocity. The sentence also states whether the sign of the rate dependence changes at velocities up to 1 m/s. If so,
+    earthquakes also depend on disturbances of the plate motion, and slip may stay slow. Far above V1, where the
     direct effect vanishes, zones are shorter than with constant effects, 0.579 L_b instead of 1.3774 L_b
     (K. Uenishi and J. R. Rice 2003, doi:10.1029/2001JB001681).
 
@@ -458,7 +457,7 @@ class _Lengths(NamedTuple):
 
 
 def _lengths(fault: Fault) -> _Lengths:
-    """Lengths for a fault without cut-off velocities; the half-length is the smallest among weakening cells."""
+    """Longest weakening part, and smallest half-length of a nucleation zone, of a fault without cut-off velocities."""
     weak = fault.a < fault.evolution
     if not weak.any():
         return _Lengths(0.0)
@@ -470,7 +469,7 @@ def _lengths(fault: Fault) -> _Lengths:
     b, slip = fault.evolution[weak], (fault.b * fault.dc + fault.b2 * np.asarray(fault.dc2))[weak]
     rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
     half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())
-    if fault.states > 1:  # a state hardly changes during slip shorter than its characteristic slip
+    if fault.states > 1:  # a state hardly changes while slip is smaller than its characteristic slip
         first = fault.a, fault.b, fault.dc, fault.normal
         second = fault.a, *np.broadcast_arrays(fault.b2, fault.dc2, fault.normal)
         for rows in (np.stack(first), np.stack(second)):
@@ -480,7 +479,7 @@ def _lengths(fault: Fault) -> _Lengths:
 
 
 def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthens: str) -> str:
-    """Sentence on steady slip at V, and on the change of its stability up to 1 m/s."""
+    """Sentence on steady slip at `velocity`, and on the change of its stability up to 1 m/s."""
     location, fast = f" at {velocity:.3g} m/s", _lengths(fault.sliding_at(max(SEISMIC, velocity)))
     if slow.longest == fast.longest == 0:
         ends = f"from {velocity:.3g} to {SEISMIC:g} m/s"

@@ -1,4 +1,4 @@
-"""Simulation of sequences of earthquakes and aseismic slip on a straight fault, and its history as a dataset.
+"""Simulation of earthquakes and aseismic slip on a straight fault, and conversion of its history to a dataset.
 
 The time step is controlled by the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
 `python -m benchmarks fault` compares this method with the solvers of SciPy at equal error.
@@ -17,11 +17,11 @@ from .fault_state import EXPONENT, NUMBER, STAGES, FaultState, Machine, check_st
 if TYPE_CHECKING:
     import xarray
 
-SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # safety factor, and limits of the change of step size
-TOLERANCE = 1e-4  # error per step of slip/D_c and of ln θ
-MOST_YEARS = 1e6  # some 10,000 earthquakes
-REPORTED = 2000  # steps between two reports
-# fields without a dimension M or P
+SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # safety factor, and limits of the ratio of successive step sizes
+TOLERANCE = 1e-4  # tolerated error per step of slip/D_c and of ln θ
+MOST_YEARS = 1e6  # about 10,000 earthquakes
+REPORTED = 2000  # number of steps between two reports
+# fields of `FaultHistory` whose first dimension is neither M samples nor P profiles
 ALONE = ("fault", "station", "surface", "profile_depth", "events", "energy", "state", "steps", "rejected")
 
 
@@ -36,7 +36,7 @@ class Energy(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """Loading minus the other terms, relative to loading or dissipation: the integration error."""
+        """Integration error: loading minus the other terms, over loading or, if it is larger, dissipation."""
         largest = max(abs(self.loading), self.frictional + self.radiated)
         return (self.loading - self.frictional - self.radiated - self.elastic) / largest
 
@@ -47,7 +47,7 @@ class FaultHistory(NamedTuple):
 
     fault: Fault
     time: np.ndarray  # (M,) [s]
-    max_velocity: np.ndarray  # (M,) over the fault [m/s]
+    max_velocity: np.ndarray  # (M,) largest slip velocity on the fault [m/s]
     moment_rate: np.ndarray  # (M,) per length along strike [N/s]
     station: np.ndarray  # (S,) depths; values there are interpolated or extrapolated from cell centres [m]
     slip: np.ndarray  # (M, S) [m]
@@ -70,7 +70,7 @@ class FaultHistory(NamedTuple):
     profile_normal: np.ndarray | None  # (P, R) effective normal stress on a dipping fault [Pa]
     events: FaultEvents
     energy: Energy
-    state: FaultState  # at the end
+    state: FaultState  # state at the end
     steps: int
     rejected: int
 
@@ -94,11 +94,11 @@ def simulate_fault(
 
     Parameters
     ----------
-    years : duration in years of 365.25 days; the simulation ends with the first later step outside an event
-    start : initial state, default: `initial_state(fault)`; the `state` of a history continues that simulation bit for
+    years : duration in years of 365.25 days; the simulation ends after this time, with the first step outside an event
+    start : initial state; default: `initial_state(fault)`; the `state` of a history continues that simulation bit for
         bit
-    recording : recorded quantities; default: no stations, profiles of slip every 5 years and every second during events
-    tolerance : error per step of slip/D_c and of ln θ
+    recording : recorded quantities; default: no stations, profiles of slip every 5 years, and every second in events
+    tolerance : tolerated error per step of slip/D_c and of ln θ
     report : called as report(stage, share done, text)
 
     Raises
@@ -258,7 +258,7 @@ def join_histories(parts: list[FaultHistory]) -> FaultHistory:
 def fault_dataset(history: FaultHistory) -> "xarray.Dataset":
     """Convert a history to a dataset with units.
 
-    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station); with two states
+    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station); for two states,
     theta2 (time, station); if the normal stress changes, normal (time, station); beside a dipping fault, horizontal,
     down and their velocities (time, surface); profile_slip (profile_time, profile_depth); and the columns of the events
     (event), with the prefix `event_`.

@@ -1,4 +1,4 @@
-"""Records of a simulated fault: samples at stations, slip profiles and events, with their sources.
+"""Records of a simulated fault: samples at stations, slip profiles, and events with their source parameters.
 
 The source of an event comprises its moment, stress drops, rupture speed and energies. With u the slip in excess of
 plate motion and K the stress transfer, the shear stress on the fault is τ = τ₀ + K u; it exceeds friction by the
@@ -18,7 +18,7 @@ from .stress_transfer import surface_displacement
 
 @readable(head=lambda events: pluralize(len(events.start), "event"))
 class FaultEvents(NamedTuple):
-    """Earthquakes (E,): intervals in which the maximum slip velocity exceeds the threshold."""
+    """Earthquakes: E intervals in which the maximum slip velocity exceeds the threshold."""
 
     start: np.ndarray  # [s]
     end: np.ndarray  # [s]
@@ -33,9 +33,9 @@ class FaultEvents(NamedTuple):
     moment: np.ndarray  # G × slip, integrated over depth: moment per length along strike [N]
     radiated: np.ndarray  # radiated energy, the work of radiation damping, per length along strike [J/m]
     rupture_length: np.ndarray  # length of the cells in which slip reached the threshold velocity [m]
-    rupture_speed: np.ndarray  # mean, from the cell that first reached the threshold velocity to the farther end [m/s]
+    rupture_speed: np.ndarray  # mean speed from the first cell at the threshold velocity to the farther end [m/s]
     stress_drop: np.ndarray  # mean of the static stress drop over the rupture [Pa]
-    slip_weighted_stress_drop: np.ndarray  # mean weighted with slip, which determines the energy released [Pa]
+    slip_weighted_stress_drop: np.ndarray  # mean weighted by slip, which determines the energy released [Pa]
     seismological_stress_drop: np.ndarray  # stress drop of a crack with the same moment and length [Pa]
     released: np.ndarray  # elastic energy released, per length along strike [J/m]
     loading: np.ndarray  # work of the plates during the event, per length along strike [J/m]
@@ -80,9 +80,9 @@ def crack_stress_drop(fault: Fault, moment: float, length: float, *, surface: bo
     """Uniform stress drop of a crack of length L with moment M per length along strike, C (G*/G) M/L² [Pa].
 
     A crack of length L in an infinite body, with the slip (2 Δτ/G*) √(L²/4 − x²), has the moment (G/G*) π Δτ L²/4, so C
-    = 4/π. A crack that breaks the free surface is half of a crack of length 2L: C = 2/π. This is exact for antiplane
-    shear. A dipping fault that breaks the surface slips more, so the result is 17 % too large for a dip of 30 or 60
-    degrees, and 26 % for 90 degrees.
+    = 4/π. A crack that breaks the free surface is half of a crack of length 2L: C = 2/π. This value is exact for
+    antiplane shear. A dipping fault that breaks the surface slips more, so the result is 17 % too large for a dip of 30
+    or 60 degrees, and 26 % for 90 degrees.
 
     Source
     ------
@@ -97,7 +97,7 @@ def measure_source(fault: Fault, prestress: np.ndarray, begin, end, arrival: np.
     Parameters
     ----------
     prestress : (N,) shear stress at the start of the simulation [Pa]
-    begin, end : Moment before and after the event
+    begin, end : `Moment` before and after the event
     arrival : (N,) times at which slip reached the threshold velocity, infinite where it did not [s]
     """
     h, change = fault.cell, end.excess_slip - begin.excess_slip
@@ -135,9 +135,9 @@ ZONE = 0.1  # slip velocity at the edge of a nucleation zone, relative to the la
 
 @readable
 class Recording(NamedTuple):
-    """Choice of stations, intervals and thresholds of a recording."""
+    """Stations, intervals and thresholds of a recording."""
 
-    stations: tuple[float, ...] = ()  # depths of the time series [m]
+    stations: tuple[float, ...] = ()  # depths at which time series are recorded [m]
     surface: tuple[float, ...] = ()  # surface stations: distances from the trace, > 0 on the hanging wall [m]
     threshold: float = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
     quiet_sampling: float = 0.1 * YEAR  # time between samples, and longest step if the normal stress changes [s]
@@ -163,7 +163,7 @@ def points(fault: Fault, depths) -> Points:
     """Prepare the interpolation at given depths.
 
     Between a free surface and the first cell centre, values follow the even parabola through the first two cells or,
-    for in-plane shear, a straight line. Beyond the outermost centres, they are otherwise constant.
+    for in-plane shear, a straight line. Elsewhere beyond the outermost centres, they are constant.
     """
     depths = np.atleast_1d(np.asarray(depths, float))
     last = len(fault.depth) - 2
@@ -215,7 +215,7 @@ class Moment(NamedTuple):
     time: float
     excess_slip: np.ndarray
     rate: np.ndarray  # rate of the excess slip
-    log_states: np.ndarray  # (S, N) of one or two states, plus their shift
+    log_states: np.ndarray  # (S, N) logarithms of one or two states, plus `Fault.state_shift`
     log_velocity: np.ndarray
     fastest: float  # maximum slip velocity
     energy: np.ndarray  # (3,) work of plates, friction and radiation damping since the start [J/m]
@@ -315,7 +315,7 @@ class Recorder:
         self.profiles.append((time, seismic, fastest, at(excess) + fault.plate_rate * time, stress, normal))
 
     def _profiles(self, before: Moment, now: Moment, first: float, until: float, *, seismic: bool) -> None:
-        """Append profiles at `first` and at the following intervals up to `until`, interpolated within the step."""
+        """Append profiles at `first` and then at regular intervals up to `until`, interpolated within the step."""
         pause = self.wanted.seismic_profiles if seismic else self.wanted.quiet_profiles
         for k in range(int(np.floor((until - first) / pause)) + 1 if until >= first else 0):
             time = first + k * pause

@@ -1,4 +1,4 @@
-"""State of a fault between steps, from which a simulation continues bit for bit, and its time stepping.
+"""Time stepping of a fault, and its state between steps, from which a simulation continues bit for bit.
 
 Steps are of order 8 with error estimates of orders 5 and 3: Hairer, Nørsett and Wanner, Solving Ordinary Differential
 Equations I, section II.5, with the coefficients of SciPy.
@@ -21,7 +21,7 @@ EXPONENT = 1 / 8  # exponent of the error in step size control
 
 
 class Machine:
-    """Evaluation of rates and steps of a fault under its initial stress.
+    """Computation of rates and time steps for a fault with a given initial stress.
 
     The unknowns (1 + S, N) are u = δ − V_p t of each cell, and s = ln(V0 θ/D_c) of each of its S = 1 or 2 states.
     """
@@ -31,7 +31,7 @@ class Machine:
         cut, cut2 = fault.cuts
         rows = fault.a, fault.b, fault.dc, fault.normal, prestress, fault.b2, fault.dc2, 0.0
         self._cells = np.array(np.broadcast_arrays(*rows), float)
-        self._varies = bool(fault.changes or fault.dips)  # the normal stress
+        self._varies = bool(fault.changes or fault.dips)  # True if the normal stress changes
         values = {
             "transfer": self.transfer.struct(),
             "form": fault.form_code, "evolution": EVOLUTIONS[fault.law], "mu0": fault.mu0, "cut": cut, "cut2": cut2,
@@ -42,7 +42,7 @@ class Machine:
         self._fault = core.fill("Fault", values)
 
     def _image(self, slip, time: float) -> tuple[np.ndarray | None, bool]:
-        """Update the normal stress; return the shear stress that the surface adds, or False if slip opens the fault."""
+        """Update the normal stress; return the shear stress due to the surface, and False if slip opens the fault."""
         shear, clamped = self.transfer.of_image(slip)
         normal = self.fault.normal_at(time) + clamped
         self._cells[3], self._cells[7] = normal, self.fault.state_shift(normal)
@@ -56,7 +56,7 @@ class Machine:
         y : (1 + S, N) unknowns
         w : (N,) ln(V/V0); the initial guess is overwritten by the solution
         out : (1 + S, N) rates of the unknowns, overwritten
-        power : (3,) of loading τ V_p, friction σ μ V and radiation η V², overwritten
+        power : (3,) powers of loading τ V_p, friction σ μ V and radiation η V², overwritten
         time : time at which imposed changes of the normal stress are evaluated [s]
         """
         image, closed = self._image(y[0], time) if self._varies else (None, True)
@@ -102,7 +102,7 @@ class FaultState(NamedTuple):
     log_velocity: np.ndarray  # (N,) ln(V/V0), with the reference velocity V0 = `fault.v0`
     prestress: np.ndarray  # (N,) shear stress at the start [Pa]
     rates: np.ndarray  # (V, N) time derivatives of excess_slip, and of log_state for S = 1 or 2 states
-    power: np.ndarray  # (3,) of loading, friction and radiation, per length along strike [W/m]
+    power: np.ndarray  # (3,) powers of loading, friction and radiation, per length along strike [W/m]
     energy: np.ndarray  # (3,) time integrals of `power` since the start [J/m]
     step: float  # proposed length of the next step [s]
     error: float  # error of the last step, relative to the tolerance
@@ -110,7 +110,7 @@ class FaultState(NamedTuple):
     log_state2: np.ndarray | None = None  # (N,) ln(V0 θ2/D_c2) of a second state, if the fault has one
     events: int = 0  # number of events since an artificial start; 0 in a state that was not simulated
     kernel: str = (
-        "uniform"  # slip between cell centres: now "band-limited"; earlier versions saved uniform slip in cells
+        "uniform"  # slip between cell centres: now "band-limited"; in states of earlier versions uniform within cells
     )
 
     @property
@@ -152,7 +152,7 @@ class FaultState(NamedTuple):
 
 
 def steady_stress(fault: Fault, velocity: float) -> np.ndarray:
-    """Shear stress in steady sliding at one velocity, with radiation damping (N,) [Pa]."""
+    """Shear stress (N,) in steady sliding at one velocity, including radiation damping [Pa]."""
     w = np.full(len(fault.depth), np.log(velocity / fault.v0))
     return fault.normal * friction_of(fault, w, np.array([-w, -w])) + fault.damping * velocity
 
@@ -225,7 +225,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
 
 
 def _state_terms(fault: Fault, w, friction: np.ndarray) -> np.ndarray:
-    """Sum of the state terms with which friction has a given value at a slip velocity (N,)."""
+    """Sum (N,) of the state terms for which friction has a given value at a slip velocity."""
     x, cut = friction / fault.a, fault.cuts[0]
     if fault.form == "regularized":
         x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)
@@ -233,7 +233,7 @@ def _state_terms(fault: Fault, w, friction: np.ndarray) -> np.ndarray:
 
 
 def _log_state(fault: Fault, term: np.ndarray, effect: np.ndarray, otherwise) -> np.ndarray:
-    """Logarithm of the state that adds `term` to friction (N,); NaN if none does; `otherwise` for inactive states."""
+    """Logarithm (N,) of the state that adds `term` to friction: NaN if none does, `otherwise` where effects are 0."""
     cut2, acts = fault.cuts[1], effect > 0
     s = term / np.where(acts, effect, 1.0)
     if cut2:

@@ -48,7 +48,7 @@ from .problem import (
     without_intervals,
 )
 
-MIN_INDEPENDENT = 3.0  # independent samples per parameter; with fewer, residuals are not noise
+MIN_INDEPENDENT = 3.0  # independent samples per parameter; with fewer, residuals do not count as noise
 MISFIT = (
     "the residuals vary as slowly as the signal: either the law does not describe these data, or their noise is "
     "equally slow, and the data cannot distinguish the two; the values are the best fit, but without intervals"
@@ -58,32 +58,32 @@ UNLIKE = (
     "the law, the stiffness or the motion of the load point does not describe these data; the values are the best fit, "
     "but intervals cannot be given"
 )
-# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 with a wrong law;
-# with noise correlated over much of a leg, the right law may exceed it, too
+# relative excess of the sum of squares, in units of m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 with
+# a wrong law; if noise is correlated over much of a leg, even the right law may exceed this limit
 MAX_EXCESS = 1.0
 # filtered residuals over noise: 0.8 to 1.1 for the right law, even with correlated noise, and up to 1.31 with
 # long-tailed noise (Student's t, 3 degrees of freedom); at least 1.4 if a stiffness is wrong by a factor of three
 MOST_REDUCED = 1.35
 SHARE_OF_SEARCH = 0.8  # fraction of a fit's work done before noise is modelled
-ROUNDS = 3  # alternations between noise and parameters
-EXACT = 1e-7  # ratio of residuals to the scatter of friction below which they are integration errors
+ROUNDS = 3  # number of times that noise and parameters are estimated in turn
+EXACT = 1e-7  # ratio of residuals to the scatter of friction below which the residuals are integration errors
 TINY = 1e-15  # smallest size of noise
 
 
 @readable
 class Fit(NamedTuple):
-    """Fitted parameters of one law. Those that the data do not determine are NaN; `sentence` suggests a remedy."""
+    """Fitted parameters of one law. Undetermined parameters are NaN; `sentence` then suggests a remedy."""
 
     law: str
     names: tuple[str, ...]  # names of the m free parameters; "mu0[2]" belongs to the second data set
     values: dict  # name → value
     errors: dict  # name → standard error
-    intervals: dict  # name → (low, high), 95 %
+    intervals: dict  # name → (low, high) of the 95 % interval
     covariance: np.ndarray  # (m, m), in the order of names; NaN for undetermined parameters
     fixed: dict  # name → value, including v0
     difference: tuple[float, float, float]  # a − b and its 95 % interval
     identifiable: bool  # True if the data determine all parameters
-    adequate: bool  # True if the fit describes the record: residuals are fast and small, like its noise
+    adequate: bool  # True if the fit describes the record: residuals are as fast and small as its noise
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array per data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
@@ -153,8 +153,8 @@ def fit(
     Fit
         Parameters that the data do not determine are NaN, and `sentence` explains why. Spikes, which are the same for
         every law, are excluded. Intervals are missing if the fit does not describe the record (`Fit.adequate`):
-        residuals vary as slowly as the signal, or, filtered for their correlation, exceed 1.35 times the noise. The
-        noise is the larger of that between neighbouring samples and that of the bulk of the residuals.
+        residuals vary as slowly as the signal, or, filtered for their correlation, exceed 1.35 times the noise. This
+        noise is the larger of two estimates, from neighbouring samples and from the bulk of the residuals.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def fit(
 
 
 class Solution(NamedTuple):
-    """Best parameters of a task, with the noise."""
+    """Best parameters of a task, and its noise."""
 
     task: Task
     x: np.ndarray
@@ -217,7 +217,7 @@ def solve_fit(
         x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
     rest = filtered_residual(task, x, filters)
-    # the larger of the noise between samples and that of the bulk of the residuals
+    # the larger of two estimates of the noise: between neighbouring samples, and from the bulk of the residuals
     level = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
     reduced = float(np.sqrt(np.mean(rest**2))) / max(level, TINY)
     if reduced > MOST_REDUCED:
@@ -229,9 +229,9 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
     """Estimate parameters and noise alternately; return x, filters, True if residuals are noise, and evaluation count.
 
     Residuals are not noise if fewer than MIN_INDEPENDENT independent samples per parameter are left, or if filtering
-    moves the estimate away from that of least squares. (Under the correct law, the sum of squares exceeds its minimum
-    only by a fraction of order m/n_eff.) The residuals then vary as slowly as the signal. Filtering would remove the
-    signal as well, so the ordinary least-squares estimate is returned.
+    moves the estimate away from that of ordinary least squares. (Under the correct law, the sum of squares exceeds its
+    minimum only by a fraction of order m/n_eff.) The residuals then vary as slowly as the signal. Filtering would
+    remove the signal as well, so the ordinary least-squares estimate is returned.
     """
     x, evaluations = start, 0
     rest = residual(task, x)
@@ -248,7 +248,7 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
         solved = solve(task, x, filters)
         x, evaluations = solved.x, evaluations + solved.nfev
         rest = residual(task, x)
-        # rows g (m, N), Σ g gᵀ = J C Jᵀ: noise absorbed by the fit, with the covariance C = (JᵀΣ⁻¹J)⁻¹ of parameters
+        # rows g (m, N) with Σ g gᵀ = J C Jᵀ: noise absorbed by the fit; C = (JᵀΣ⁻¹J)⁻¹ is the parameters' covariance
         noise, slopes = filtered_residual(task, x, filters), jacobian(task, x)
         size, vectors = np.linalg.eigh(covariance(whitened(slopes, filters, runs))[0])
         variance = float(noise @ noise) / (len(noise) - len(x))
@@ -295,7 +295,7 @@ def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: st
     if len({"b2", "dc2"} & {*fixed, *names}) == 1:
         raise ValueError("a second state has two parameters, b2 and dc2: give both, each fixed or free")
     if "trend_length" in {*fixed, *names} and "trend" not in {*fixed, *names}:
-        raise ValueError("trend_length requires a trend: fit it as well (--detrend)")
+        raise ValueError("trend_length requires a trend: fit the trend as well (--detrend)")
     if not names:
         raise ValueError("there is nothing to fit: remove some of a, b, dc and mu0 from `fixed`")
     return {"v0": cases[0].before, "stiffness": 1.0, **DEFAULTS, **fixed}, names
@@ -321,7 +321,7 @@ def _build_task(cases, laws: tuple[str, str], names, fixed: dict, own) -> Task:
 def noise_size(task: Task, x, filters) -> tuple[float, float, float]:
     """Size of the filtered noise, its degrees of freedom, and a factor by which intervals are widened.
 
-    The estimate of slow noise also lacks the degrees of freedom used by the fit.
+    If the noise is slow, the fit uses up a larger part of its degrees of freedom; the factor corrects for this.
     """
     rest, m = filtered_residual(task, x, filters), len(x)
     n, independent = len(rest), effective_samples(filters, len(rest))
@@ -331,7 +331,7 @@ def noise_size(task: Task, x, filters) -> tuple[float, float, float]:
 
 
 def _evaluate(task: Task, x, filters) -> Estimates:
-    """Values with intervals and identifiability, given the noise described by the filters."""
+    """Estimate parameters, intervals and identifiability for the noise described by the filters."""
     size, spare, widening = noise_size(task, x, filters)
     reach = float(stdtrit(spare, 0.975)) * widening
     inner, blind = covariance(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
@@ -341,7 +341,7 @@ def _evaluate(task: Task, x, filters) -> Estimates:
 
 
 def build_fit(solution: Solution) -> Fit:
-    """Compute intervals, likelihood and criteria for the best parameters."""
+    """Compute intervals, likelihood and information criteria for the best parameters."""
     task, x, filters, evaluations, adequate, reduced, spikes = solution
     reason = UNLIKE.format(reduced) if reduced > MOST_REDUCED else MISFIT
     estimates = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), reason)

@@ -1,7 +1,7 @@
 """Conclusions from a fit: the posterior of its parameters, its comparison with another fit, and possible remedies.
 
 The posterior is sampled by Markov chains with emcee. The priors are uniform in the coordinates of the fit: logarithms
-of positive parameters, and the others themselves. The likelihood is that of the filtered residuals, with the
+of positive parameters, and values of all others. The likelihood is that of the filtered residuals, with the
 autoregressive noise found by the fit. The size of the noise is integrated out. S is the sum of squares of the filtered
 residuals, S₀ its minimum and m the number of parameters; the degrees of freedom ν and the variance s² are those of the
 intervals of `fit`. Then
@@ -28,8 +28,8 @@ PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
 LONG = 50.0  # required length of a chain in autocorrelation times
 BURN = 5.0  # number of initial autocorrelation times that are discarded
 FITTED = 0.1  # fraction of the work after which the best fit is known
-LEAST = 300  # fewest steps of a chain, even for short autocorrelation times
-BLOCK = 50  # steps between two estimates of the autocorrelation time
+LEAST = 300  # smallest number of steps of a chain, even for short autocorrelation times
+BLOCK = 50  # number of steps between two estimates of the autocorrelation time
 FREEDOM = 4.0  # degrees of freedom of the proposals; their tails must be wider than those of the posterior
 MOST_DRAWS = 10_000
 
@@ -43,12 +43,12 @@ class Posterior(NamedTuple):
     draws: np.ndarray  # (K, m), nearly independent
     percentiles: dict  # name → values at 2.5, 16, 50, 84 and 97.5 %
     times: dict  # name → integrated autocorrelation time [steps]
-    steps: int  # length of the chain without its start
+    steps: int  # length of the chain without its discarded start
     acceptance: float  # fraction of proposals accepted
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """Draws of each parameter, as for `draws` of a sweep."""
+        """Draws of each parameter, by name, as `draws` of a sweep expects them."""
         return dict(zip(self.names, self.draws.T, strict=True))
 
 
@@ -60,8 +60,8 @@ def posterior(
 
     Half of the steps propose points from Student's t distribution around the best fit, independent of the current
     point. The others are stretch moves (Goodman and Weare 2010, doi:10.2140/camcos.2010.5.65; Foreman-Mackey et al.
-    2013, doi:10.1086/670067). Sampling ends as soon as the chain, without its start, has 50 autocorrelation times and
-    at least 300 steps.
+    2013, doi:10.1086/670067). Sampling ends as soon as the chain, without its start, is at least 50 autocorrelation
+    times and 300 steps long.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ def posterior(
     ValueError
         If the input is not valid.
     RuntimeError
-        If the data do not determine all parameters, if residuals vary as slowly as the signal, or if the chain is
-        shorter than 50 autocorrelation times; draws would not represent the posterior.
+        If draws would not represent the posterior: the data do not determine all parameters, residuals vary as slowly
+        as the signal, or the chain is shorter than 50 autocorrelation times.
     MissingExtraError
         If emcee is not installed.
 
@@ -134,7 +134,7 @@ def posterior(
 
 
 def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
-    """Return three functions: log-density, proposal of the sampler with its log-ratio, and random points.
+    """Return three functions: the log-density, the sampler's proposal with its log-ratio, and random points.
 
     All three refer to the best fit under the final noise.
     """
@@ -213,7 +213,7 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
         same = same and len(own) == len(other)
     data = [[r + m for r, m in zip(f.residuals, f.models, strict=True)] for f in (first, second)] if same else [[], []]
     if not same or not all(np.allclose(p, q, rtol=0, atol=1e-9) for p, q in zip(*data, strict=True)):
-        raise ValueError("the two fits are to different data: compare fits to the same records and windows")
+        raise ValueError("the two fits use different data: compare fits to the same records and windows")
     gap = second.aic - first.aic
     mean = (first.log_likelihood - second.log_likelihood) / first.samples
     each = 0.5 * (second.innovations**2 - first.innovations**2)
@@ -239,17 +239,17 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
     )
 
 
-LEAST_FALL = 0.05  # relative fall of the residuals below which a trend matters little
-SURE = 16.0  # χ² of the trends: four standard errors for a single trend
+LEAST_FALL = 0.05  # relative decrease of the residuals below which a trend matters little
+SURE = 16.0  # smallest significant χ² of the trends: four standard errors for a single trend
 STEEP = 3.0  # ratio of stiffness to steepest rise of friction, or its inverse, beyond which the record is fitted again
-FAR, SURELY = 2.0, 1.1  # ratio of stiffnesses that contradict each other, without and with an interval
+FAR, SURELY = 2.0, 1.1  # smallest ratio of stiffnesses that contradict each other, without and with an interval
 CLEAR = 2.0  # distance in half widths of the 95 % interval at which a stiffness contradicts an adequate fit
-NEAR = 1.3  # largest ratio at which a unit still explains a stiffness
+NEAR = 1.3  # largest ratio of two stiffnesses that count as equal in the search for a unit
 BY_LENGTH = {"1/cm": 1e2, "1/mm": 1e3, "1/um": 1e6}  # in 1/m
 BY_STRESS = {"Pa/m": 1.0, "kPa/m": 1e3, "MPa/m": 1e6, "GPa/m": 1e9}  # in Pa/m; GPa/m = MPa/mm
 NORMAL = 1e4, 1e9  # range of normal stress in laboratories [Pa]
 USUAL = 1e7  # usual normal stress [Pa]
-PLAUSIBLE = 0.03, 3.0  # friction of faults
+PLAUSIBLE = 0.03, 3.0  # range of plausible friction of faults
 
 
 class Gain(NamedTuple):
@@ -259,18 +259,18 @@ class Gain(NamedTuple):
     shifts: dict[str, float]  # change of each other parameter, relative for positive parameters
     before: float  # root mean square of the residuals without the parameter; `after` is that with it
     after: float
-    helps: bool  # True if the residuals fall noticeably and by more than noise explains
+    helps: bool  # True if the residuals decrease noticeably and by more than noise explains
 
     @property
     def fall(self) -> float:
-        """Relative fall of the residuals."""
+        """Relative decrease of the residuals."""
         return 1 - self.after / self.before
 
 
 def gain_by(name: str, solution: Solution) -> Gain:
-    """Fit an additional parameter of each record: "trend", or "theta" for a start away from steady state.
+    """Fit an additional parameter for each record: "trend", or "theta" for a start away from steady state.
 
-    The relative fall of the sum of squares is multiplied by the number of independent samples in the remaining
+    The relative decrease of the sum of squares is multiplied by the number of independent samples in the remaining
     residuals, so slow noise is not mistaken for a trend.
     """
     task, start = solution.task, solution.x
@@ -296,11 +296,11 @@ def gain_by(name: str, solution: Solution) -> Gain:
 
 
 class StiffnessDoubt(NamedTuple):
-    """A given stiffness that contradicts the record, and its probable unit."""
+    """A given stiffness that contradicts the record, and the unit that it probably has."""
 
     given: float  # [1/m]
     shown: float  # stiffness that the record shows, from a fit with the stiffness free [1/m]
-    interval: tuple[float, float]  # 95 %; NaN if unknown
+    interval: tuple[float, float]  # 95 % interval of `shown`; NaN if unknown
     unit: str  # likelier unit of the given number; "" if unknown
     value: float  # the given number converted from that unit [1/m]
     friction: float = np.nan  # median friction of the record
@@ -341,9 +341,9 @@ class StiffnessDoubt(NamedTuple):
 def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None) -> StiffnessDoubt | None:
     """Compare a fixed stiffness with the record; return None if they agree or the record does not determine it.
 
-    Per load-point displacement, friction rises by at most k (1 − V/V_l), which is k after a hold or a large step. If
-    the steepest rise is far from k, or the fit does not describe the record, the record is fitted again with the
-    stiffness free.
+    Per unit of load-point displacement, friction rises by at most k (1 − V/V_l), which is k after a hold or a large
+    step. If the steepest rise is far from k, or the fit does not describe the record, the record is fitted again with
+    the stiffness free.
 
     Parameters
     ----------
@@ -354,7 +354,7 @@ def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None)
     (case,) = task.cases
     if case.legs is None or "stiffness" in task.slots[0]:
         return None
-    # over five samples, to suppress noise
+    # slopes over five samples, to suppress noise
     run, rise = case.place[4:] - case.place[:-4], case.friction[4:] - case.friction[:-4]
     steepest = max(float(np.quantile(rise[run > 0] / run[run > 0], 0.98)), 1e-12) if (run > 0).any() else 1.0
     usual = _is_near(given, steepest, STEEP)
@@ -386,7 +386,7 @@ def _is_near(value: float, other: float, ratio: float) -> bool:
 
 
 def _likelier_unit(given: float, shown: float, normal: float | None) -> tuple[str, float, float]:
-    """Unit with which the given number agrees with the record, its value [1/m], and the normal stress required."""
+    """Unit with which the given number agrees with the record, its value in 1/m, and the normal stress needed."""
     known = dict(BY_LENGTH) | ({} if normal is None else {unit: size / normal for unit, size in BY_STRESS.items()})
     unit = min(known, key=lambda symbol: abs(np.log(given * known[symbol] / shown)))
     if _is_near(given * known[unit], shown, NEAR):

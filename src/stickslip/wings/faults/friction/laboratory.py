@@ -35,7 +35,7 @@ WANTED = laboratory_table.Wanted(
     EXAMPLE, "column of a record", NUMBERED, ("pore_pressure",),
 )  # fmt: skip
 LEAST = 10  # smallest number of rows
-LEAST_FRICTION, MOST_FRICTION = 0.005, 3.0  # range outside which the unit is doubtful
+LEAST_FRICTION, MOST_FRICTION = 0.005, 3.0  # range of friction outside which its unit is doubtful
 CROOKED = 0.2  # straight legs per sample above which a displacement counts as noisy
 
 
@@ -67,7 +67,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     Text files may begin with arbitrary lines. Separators are commas, semicolons, tabs or white space; unless they are
     commas, numbers may have decimal commas. Lines that start with # or % are comments. Files that are not UTF-8 are
     read as Windows-1252. Rows that lack a number in a used column (an empty cell, nan, or -9999 far from all others)
-    are skipped. If a displacement decreases, its sign is reversed. Both cause a warning.
+    are skipped. If a displacement decreases, its sign is reversed. Each of these causes a warning.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     Raises
     ------
     ValueError
-        If a column, unit or line cannot be interpreted; the message names it, and the allowed ones.
+        If a column, unit or line cannot be interpreted; the message names it and lists the allowed ones.
     """
     path = Path(path)
     table = _open_record(path, columns)
@@ -94,7 +94,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     _make_effective(path, values)
     if "friction" not in values:
         if not (values["normal_stress"] > 0).all():
-            raise ValueError(f"{path}: normal_stress must be positive at every sample: remove samples before loading")
+            raise ValueError(f"{path}: normal_stress must be positive at every sample: remove those before loading")
         values["friction"] = values["shear_stress"] / values["normal_stress"]
     _doubt_friction(path, values)
     _doubt_time(table)
@@ -114,7 +114,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
 
 
 def _doubt_friction(path: Path, values: dict[str, np.ndarray]) -> None:
-    """Warn of friction that no material has (per cent, mixed units) or that contradicts the recorded stresses."""
+    """Warn of friction that no material has (perhaps in per cent) or that contradicts the recorded stresses."""
     usual = float(np.median(np.abs(values["friction"])))
     told = f"{path}: friction is about {usual:.3g}"
     if usual > MOST_FRICTION or 0 < usual < LEAST_FRICTION:
@@ -293,22 +293,22 @@ class Mean(NamedTuple):
 
 @readable
 class Healing(NamedTuple):
-    """Peak excess against the logarithm of the hold time, Δμ = slope ln t + intercept."""
+    """Fitted excess of peak friction over steady friction after a hold of duration t, Δμ = slope ln t + intercept."""
 
     slope: float  # per e-fold of hold time
     intercept: float
     error: float  # standard error of the slope
-    interval: tuple[float, float]  # 95 %
+    interval: tuple[float, float]  # 95 % interval of the slope
 
 
 @readable
 class HoldResponse(NamedTuple):
-    """Response to the K holds in a record."""
+    """Response of friction to the K holds in a record."""
 
     hold: np.ndarray  # duration [time]
     steady: np.ndarray  # friction before the hold
     drop: np.ndarray  # decrease of friction until the end of the hold
-    excess: np.ndarray  # peak after the hold, above `steady`
+    excess: np.ndarray  # peak friction after the hold minus `steady`
 
 
 @checked
@@ -379,7 +379,7 @@ def healing(hold: Series, excess: Series) -> Healing:
     if len(np.unique(hold)) < 3:
         raise ValueError(f"a fit with an interval needs three different holds, got {len(np.unique(hold))}")
     if not (np.isfinite(excess).all() and (hold > 0).all() and np.isfinite(hold).all()):
-        raise ValueError("holds must be positive and finite, and peaks must be finite: leave out all others")
+        raise ValueError("holds must be positive and finite, and peaks must be finite: leave out the others")
     x = np.log(hold) - np.log(hold).mean()
     slope = float(x @ excess / (x @ x))
     rest = excess - excess.mean() - slope * x
@@ -456,7 +456,7 @@ def recurrence(time, velocity) -> float:
 
 
 def repeated_slip(time, velocity, slip, since) -> np.ndarray | None:
-    """Slip since the start of an event, with the last complete cycle repeated; None without a cycle.
+    """Slip since the start of an event, with the last complete cycle repeated; None if there is none.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""Rate-and-state friction: a spring-slider under any load history, its stability, friction at a given slip velocity.
+"""Rate-and-state friction: a spring slider under any load, its stability, and friction at a given slip velocity.
 
 μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), where the state θ follows the aging law (Dieterich 1979,
 doi:10.1029/JB084iB05p02161) or the slip law (Ruina 1983, doi:10.1029/JB088iB12p10359). Variants: a second state
 variable, cut-off velocities, and a form that is regular at rest.
 
 Rows (w, s, s2) contain w = ln(V/V0), s = ln(V0 θ/D_c), and s2 for a second state θ2 with D_c2. Rows (a, b, b2, mu0,
-cut, cut2) contain the parameters of a surface: cut = V0/V1 and cut2 = V0/V2, with the cut-off velocities V1 and V2 of
-the direct and the evolution effect; b2 = 0 with one state. The laws themselves are in `_core/rate_state.h`. `python -m
+cut, cut2) contain the parameters of a surface: cut = V0/V1 and cut2 = V0/V2, with the cut-off velocities V1 of the
+direct and V2 of the evolution effect; b2 = 0 with one state. The laws are in `_core/rate_state.h`. `python -m
 benchmarks rate_state` compares the speed of the integrator with that of LSODA.
 """
 
@@ -26,22 +26,22 @@ CUT_OFF = 2
 
 
 def form_code(form: str, cut: float, cut2: float) -> int:
-    """Code of a form of the law, with or without cut-off velocities."""
+    """Code of a form of the law in the compiled core; the law with cut-off velocities has a separate code."""
     return CUT_OFF if cut > 0 or cut2 > 0 else FORMS[form]
 
 
 def friction(form: int, logs, surface) -> np.ndarray:
-    """Friction coefficient for rows of logarithms (N,), with one surface or one per row."""
+    """Friction coefficients (N,) of rows (w, s, s2); `surface` is one row of parameters, or one per row of `logs`."""
     return _evaluate(form, logs, surface, 0)
 
 
 def slopes(form: int, logs, surface) -> np.ndarray:
-    """Derivatives of friction with respect to w, s and s2 (N, 3)."""
+    """Derivatives (N, 3) of the friction coefficient with respect to w, s and s2."""
     return _evaluate(form, logs, surface, 1)
 
 
 def curvatures(form: int, logs, surface) -> np.ndarray:
-    """Second derivatives of friction: ww, ws, ws2, ss, ss2, s2s2 (N, 6)."""
+    """Second derivatives (N, 6) of the friction coefficient, in the order ww, ws, ws2, ss, ss2, s2s2."""
     return _evaluate(form, logs, surface, 2)
 
 
@@ -75,7 +75,7 @@ class Slider(NamedTuple):
     evolution: int
 
     def friction(self, logs) -> np.ndarray:
-        """Friction coefficient for rows of logarithms (N,)."""
+        """Friction coefficients (N,) of rows (w, s, s2)."""
         return friction(self.form, logs, self[:6])
 
 
@@ -88,7 +88,7 @@ def build_slider(values: dict, law: str, form: str) -> Slider:
 
 
 def history(slider: Slider, start, legs: np.ndarray, times: np.ndarray, tolerance: float):
-    """Integrate w, s and s2 from `start` to `times` (ascending, from the start of the legs).
+    """Integrate w, s and s2 from their values `start` to the ascending `times`, counted from the start of the legs.
 
     Parameters
     ----------
@@ -97,8 +97,8 @@ def history(slider: Slider, start, legs: np.ndarray, times: np.ndarray, toleranc
     Returns
     -------
     tuple
-        rows (N, 3), NaN after a failure; a code; the time reached. At the end of a leg, values are those before the
-        next leg begins.
+        rows (w, s, s2) at the N times, NaN after a failure; code of the end; time reached. Where two legs meet, a row
+        has the values at the end of the first.
     """
     out, reached = np.full((len(times), 3), np.nan), np.zeros(1)
     code = core.slider_history(slider, *start, legs, legs.shape[1], times, len(times), tolerance, out, reached)
@@ -106,12 +106,12 @@ def history(slider: Slider, start, legs: np.ndarray, times: np.ndarray, toleranc
 
 
 def rates(slider: Slider, logs, velocity: float, normal: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time derivatives of w, s and s2 (3,), and their Jacobian (3, 3); those of s2 are 0 if b2 = 0.
+    """Time derivatives (3,) of w, s and s2, and their Jacobian (3, 3); the derivatives of s2 are 0 if b2 = 0.
 
     Parameters
     ----------
     velocity : velocity of the load point
-    normal : normal stress over its reference
+    normal : normal stress over its reference value
     """
     out, jacobian = np.empty(3), np.empty((3, 3))
     core.slider_rates(slider, np.array(logs, float), velocity, normal, out, jacobian)
@@ -119,14 +119,14 @@ def rates(slider: Slider, logs, velocity: float, normal: float) -> tuple[np.ndar
 
 
 def state_history(start: float, duration, velocity, v0: float, dc: float, law: str) -> np.ndarray:
-    """Exact ln(V0 θ/D_c) at the ends of intervals of constant slip velocity, from its initial value."""
+    """Exact ln(V0 θ/D_c) at the ends of intervals of constant slip velocity; `start` is its initial value."""
     duration, velocity = np.ascontiguousarray(duration, float), np.ascontiguousarray(velocity, float)
     out = np.empty(len(duration))
     core.state_history(EVOLUTIONS[law], start, len(out), duration, velocity, v0, dc, out)
     return out
 
 
-EARLY, POINTS = 1e-5, 60  # default times of a leg: first, as a fraction, and number on each grid (logarithmic, linear)
+EARLY, POINTS = 1e-5, 60  # default times in a leg: the first, over its duration; the number on each grid (log, linear)
 
 
 @readable
@@ -134,14 +134,14 @@ class RateState(NamedTuple):
     """Rate-and-state parameters of a surface.
 
     μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c); aging law θ' = 1 − Vθ/D_c, slip law θ' = −(Vθ/D_c) ln(Vθ/D_c). If the normal
-    stress σ changes, −(α/b) θ σ'/σ is added to both (Linker and Dieterich 1992, doi:10.1029/92JB00017).
+    stress σ changes, −(α/b) θ σ'/σ is added to θ' in both laws (Linker and Dieterich 1992, doi:10.1029/92JB00017).
 
-    With b2, the term b2 ln(V0 θ2/D_c2) of a second state with the same evolution law is added (Ruina 1983; Gu et al.
-    1984, doi:10.1016/0022-5096(84)90007-3); changes of σ then act on both states, with α/(b + b2). With cut-off
-    velocities, a ln(V/V0) becomes −a ln(V0/V + V0/V1) and b ln(V0 θ/D_c) becomes b ln(V0 θ/D_c + V0/V2): the direct
-    effect ends above V1 and the evolution effect above V2 (Okubo 1989, doi:10.1029/JB094iB09p12321). The regularized
-    form is a arcsinh[V/(2 V0) exp((μ0 + b ln(V0 θ/D_c))/a)], which is 0 at rest (Rice, Lapusta and Ranjith 2001,
-    doi:10.1016/S0022-5096(01)00042-4).
+    If b2 > 0, the term b2 ln(V0 θ2/D_c2) of a second state with the same evolution law is added (Ruina 1983; Gu et al.
+    1984, doi:10.1016/0022-5096(84)90007-3); changes of σ then act on both states, with the factor α/(b + b2). With
+    cut-off velocities, a ln(V/V0) becomes −a ln(V0/V + V0/V1) and b ln(V0 θ/D_c) becomes b ln(V0 θ/D_c + V0/V2): the
+    direct effect saturates above V1, the evolution effect above V2 (Okubo 1989, doi:10.1029/JB094iB09p12321). The
+    regularized form is a arcsinh[V/(2 V0) exp((μ0 + b ln(V0 θ/D_c))/a)], which is 0 at rest (Rice, Lapusta and Ranjith
+    2001, doi:10.1016/S0022-5096(01)00042-4).
 
     Examples
     --------
@@ -158,7 +158,7 @@ class RateState(NamedTuple):
     alpha: float = 0.0
     form: str = "logarithmic"  # or "regularized"
     b2: float = 0.0  # evolution effect of a second state
-    dc2: float = 1.0  # its characteristic slip; has no effect if b2 = 0 [length]
+    dc2: float = 1.0  # characteristic slip of the second state; has no effect if b2 = 0 [length]
     v1: float = np.inf  # cut-off velocity of the direct effect [length/time]
     v2: float = np.inf  # cut-off velocity of the evolution effect [length/time]
 
@@ -167,16 +167,16 @@ class RateState(NamedTuple):
 
 @readable
 class Spring(NamedTuple):
-    """Spring that drives the slider: n μ = k (x_lp − x) − η V, with n the normal stress over its reference."""
+    """Spring that drives the slider: n μ = k (x_lp − x) − η V, where n is the normal stress over a reference value."""
 
-    stiffness: float  # k, stress per displacement over the reference normal stress [1/length]
-    damping: float = 0.0  # η, radiation damping over the reference normal stress; 0 is quasi-static [time/length]
+    stiffness: float  # k: stress per displacement, divided by the reference normal stress [1/length]
+    damping: float = 0.0  # η: radiation damping over the reference normal stress; 0: quasi-static motion [time/length]
 
     check_entries = check_types
 
 
 class End(Enum):
-    """Reason for the end of a history; each member is a sentence."""
+    """Reason for the end of a history; its value is a sentence."""
 
     DONE = "the history reached its end"
     RUNAWAY = "slip ran away, as it does below the critical stiffness: use a stiffer spring, or damping > 0"
@@ -185,7 +185,7 @@ class End(Enum):
 
 @readable
 class SlipHistory(NamedTuple):
-    """History of a slider at N times; after a failure, up to the last time reached."""
+    """History of a slider at N times; if the integration fails, it ends at the last time reached."""
 
     time: np.ndarray  # [time]
     load_point: np.ndarray  # displacement since the start [length]
@@ -250,8 +250,7 @@ def spring_slider(
     before : initial slip velocity; default: that of the first leg [length/time]
     theta : initial state; default: the steady state D_c/V. A second state starts at the same ratio to its steady value
         [time]
-    tolerance : error of ln V and ln θ in each step
-
+    tolerance : tolerated error of ln V and ln θ per step
     Raises
     ------
     ValueError
@@ -293,7 +292,7 @@ def spring_slider(
     displacement, factor, at = np.r_[0.0, displacement], np.r_[normal[0], factor], np.r_[0.0, times[kept]]
     speed, mu = rs.v0 * np.exp(rows[:, 0]), slider.friction(rows)
     force = factor[0] * mu[0] + spring.damping * speed[0]
-    # from the balance of spring force and friction
+    # slip follows from the balance of spring force and friction
     slip = displacement - (factor * mu + spring.damping * speed - force) / spring.stiffness
     columns = at, displacement, slip, speed, rs.dc / rs.v0 * np.exp(rows[:, 1]), mu, factor
     return SlipHistory(*(c[1:] for c in columns), tuple(End)[code], reached, _second_state(rs, rows[1:, 2]))
@@ -328,11 +327,11 @@ def _times_within(times, end: float) -> np.ndarray:
 
 @checked
 def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | None = None) -> SlipHistory:
-    """Friction of a surface under prescribed, piecewise constant slip velocity.
+    """Friction of a surface under a prescribed, piecewise constant slip velocity.
 
-    The state is exact for each piece of constant V: θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0, with the
-    aging law; ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0, with the slip law. At rest, friction is −∞ in the
-    logarithmic form, returned as NaN, and 0 in the regularized form.
+    The state is exact in each piece of constant V. With the aging law, θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t
+    for V = 0. With the slip law, ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0. At rest, friction is −∞ in the
+    logarithmic form (returned as NaN), and 0 in the regularized form.
 
     Parameters
     ----------
@@ -350,7 +349,7 @@ def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | 
     time, velocity = np.asarray(time, float), np.asarray(velocity, float)
     check_times(time)
     if velocity.shape != (len(time) - 1,):
-        raise ValueError(f"velocity has shape {velocity.shape} for {len(time)} times: give {len(time) - 1} pieces")
+        raise ValueError(f"velocity has shape {velocity.shape} for {len(time)} times: give {len(time) - 1} velocities")
     if not (np.isfinite(velocity).all() and (velocity >= 0).all()):
         worst = velocity[np.flatnonzero(~(velocity >= 0))[:1]]
         raise ValueError(f"slip velocities must be finite and not negative, got {worst}")
@@ -371,7 +370,7 @@ def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | 
 
 
 def friction_of(rs: RateState, velocity, theta, theta2=None):
-    """Friction coefficient at a slip velocity and a state, in NumPy."""
+    """Friction coefficient at a slip velocity and a state, computed with NumPy."""
     check(rs)
     v = np.asarray(velocity, float)
     states = [(rs.b, rs.v0 * np.asarray(theta, float) / rs.dc)]
@@ -406,10 +405,10 @@ class Sliding(NamedTuple):
     """Stability of steady sliding at one velocity against small disturbances."""
 
     stable: bool
-    critical: float  # stiffness below which sliding is unstable; not positive if it is always stable [1/length]
+    critical: float  # stiffness below which sliding is unstable; not positive if sliding is always stable [1/length]
     eigenvalues: np.ndarray  # (2,) complex, (3,) with two states; a disturbance is a sum of terms e^{λt} [1/time]
     growth_rate: float  # largest real part; negative if disturbances decay [1/time]
-    frequency: float  # angular, 0 without oscillation [1/time]
+    frequency: float  # angular frequency; 0 if disturbances do not oscillate [1/time]
     sentence: str
 
 
@@ -421,7 +420,7 @@ def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.
     Ruina 1983, doi:10.1115/1.3167042), where A = ∂μ/∂ln V and B = ∂μ/∂ln θ in steady sliding at V; for the usual law
     A = a and B = b. Radiation damping η adds η V to A. With two states, k_c is the larger root of the quadratic
     equation from Hurwitz's criterion for the cubic characteristic polynomial (compare Gu et al. 1984,
-    doi:10.1016/0022-5096(84)90007-3), and −∞ if there is none.
+    doi:10.1016/0022-5096(84)90007-3), and −∞ if its roots are not real.
 
     Parameters
     ----------
@@ -502,7 +501,7 @@ def _sentence(rs, spring, stable: bool, critical: float, growth: float, direct: 
 
 
 def selfchecks() -> dict[str, Selfcheck]:
-    """Check friction right after a hold, from the slip law with the parameters of Ferdowsi & Rubin 2021."""
+    """Check the friction of the slip law right after a hold, with the parameters of Ferdowsi and Rubin (2021)."""
     surface = RateState(a=0.0247, b=0.0178, dc=5.3e-3, mu0=0.4, v0=0.02, law="slip")
     legs = slide_hold_slide([1.0], velocity=0.02, distance=0.05)
     history = spring_slider(surface, Spring(200.0), legs, times=np.linspace(0, 5, 51))

@@ -1,4 +1,4 @@
-"""Load histories: legs of constant velocity and normal stress, stated or derived from a displacement."""
+"""Load histories: legs of constant velocity and normal stress, stated or derived from a measured displacement."""
 
 import re
 from collections.abc import Sequence
@@ -73,15 +73,15 @@ def load_steps(
 ) -> tuple[LoadStep, ...]:
     """Legs of a measured load-point displacement, interpolated linearly between samples.
 
-    Successive intervals are merged into one leg as long as a straight line from its first sample passes all others
-    within `roughness` times the median displacement between (moving) samples. A motor at constant velocity thus
-    gives one leg.
+    Successive intervals are merged into one leg as long as a straight line from its first sample stays close to all
+    others: within `roughness` times the median displacement between moving samples. A motor at constant velocity
+    thus gives one leg.
 
     Parameters
     ----------
     time : [time] (N,) increasing
     load_point : [length] (N,)
-    normal : (N,) normal stress over its reference, held from each sample to the next; None if constant
+    normal : (N,) normal stress over its reference, constant from each sample to the next; None if it never changes
     """
     time, displacement = np.asarray(time, float), np.asarray(load_point, float)
     check_times(time)
@@ -114,7 +114,7 @@ def _end_of_line(time, place, factor, first: int, slack: float) -> int:
 
 
 def leg_arrays(legs) -> np.ndarray:
-    """Check legs and return their durations, velocities and normal factors (3, L)."""
+    """Check legs and return their durations, velocities and factors of the normal stress (3, L)."""
     try:
         table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
     except (TypeError, ValueError):
@@ -127,7 +127,7 @@ def leg_arrays(legs) -> np.ndarray:
         if not np.isfinite(velocity):
             raise ValueError(f"leg {k} has the velocity {velocity:g}: give a finite one, 0 for a hold")
         if not (normal > 0 and np.isfinite(normal)):
-            raise ValueError(f"leg {k} has {normal:g} times the normal stress: give a positive factor")
+            raise ValueError(f"leg {k} has {normal:g} times the reference normal stress: give a positive factor")
     return np.ascontiguousarray(table.T)
 
 
@@ -147,9 +147,9 @@ def check_times(time) -> None:
         )
 
 
-CANDIDATES, SEARCHED = 400, 4000  # largest numbers of trial times for a velocity change, and of samples
-MOST, ROUNDS = 60, 40  # largest numbers of changes, and of iterations of their times
-CERTAIN = 4.0  # required fall of the sum of squares per change, over σ² ln N; BIC requires 2, for white noise
+CANDIDATES, SEARCHED = 400, 4000  # largest numbers of trial times for a velocity change, and of samples searched
+MOST, ROUNDS = 60, 40  # largest numbers of velocity changes, and of iterations that refine their times
+CERTAIN = 4.0  # required decrease of the sum of squares per change, over σ² ln N; BIC requires 2, for white noise
 REST, EXACT = 4.0, 1e-9  # standard errors, and fraction of the largest velocity, below which a velocity counts as zero
 OFF, CLEARLY = 0.03, 6.0  # departures that contradict a stated leg, over its length and over the noise
 _LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")
@@ -160,13 +160,13 @@ class FoundSteps(NamedTuple):
     """Steps of constant velocity found in a noisy displacement."""
 
     legs: tuple[LoadStep, ...]
-    noise: float  # standard deviation of the displacement about these steps [length]
+    noise: float  # standard deviation of the displacement around these steps [length]
     sentence: str
 
 
 @checked
 def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
-    """Legs stated by the user, as in "1e-6 until 120 s, then 1e-5"; the last ends with the record.
+    """Legs stated by the user, as in "1e-6 until 120 s, then 1e-5"; the last leg ends with the record.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
     Raises
     ------
     ValueError
-        If the text does not state such velocities.
+        If the text does not have this form.
 
     Examples
     --------
@@ -251,7 +251,7 @@ def find_steps(time: Series, load_point: Series) -> FoundSteps:
 
 
 def steps_text(legs: Sequence[LoadStep], time: np.ndarray) -> str:
-    """Legs in the syntax of `stated_steps`, on the clock of the samples."""
+    """Legs in the syntax of `stated_steps`, with times on the clock of the samples."""
     digits = max(0, 3 - int(np.floor(np.log10(np.median(np.diff(time))))))
     ends = time[0] + np.cumsum([leg.duration for leg in legs])[:-1]
     parts = [f"{leg.velocity:.6g} until {end:.{digits}f}" for leg, end in zip(legs, ends, strict=False)]
@@ -259,7 +259,7 @@ def steps_text(legs: Sequence[LoadStep], time: np.ndarray) -> str:
 
 
 def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray) -> str:
-    """Sentence on the stated leg that a measured displacement contradicts most; empty if no leg is contradicted.
+    """Sentence about the stated leg that a measured displacement contradicts most; empty if no leg is contradicted.
 
     A leg is contradicted if the displacement departs from the stated line by more than 3 % of the leg's length and by
     more than its noise.
@@ -286,14 +286,14 @@ def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray)
 
 
 def _pieces(time: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Basis of piecewise linear curves: the value at the start, and the time spent in each piece (N, K + 2)."""
+    """Basis (N, K + 2) of piecewise linear curves: a constant, and the time spent in each of the K + 1 pieces."""
     edges = np.array([time[0], *changes, time[-1]])
     spent = [np.clip(time, low, high) - low for low, high in pairwise(edges)]
     return np.stack([np.ones(len(time)), *spent], axis=1)
 
 
 def _best_change(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> tuple[float, float]:
-    """Largest fall of the sum of squares due to one more change of velocity, and its time."""
+    """Largest decrease of the sum of squares by one more change of velocity, and the time of this change."""
     q, _ = np.linalg.qr(_pieces(time, changes))
     rest = place - q @ (q.T @ place)
     tried = time[np.unique(np.linspace(2, len(time) - 3, CANDIDATES).astype(int))]
@@ -305,7 +305,7 @@ def _best_change(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> tu
 
 
 def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, worth: float) -> np.ndarray:
-    """Changes of velocity without those made unnecessary by shifting their neighbours."""
+    """Remove changes of velocity that become unnecessary when the others are shifted."""
     while len(changes):
         fewer = [_refine(time, place, np.delete(changes, k)) for k in range(len(changes))]
         sums = [_misfit(time, place, rest) for rest in fewer]
@@ -317,7 +317,7 @@ def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, 
 
 
 def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
-    """Sum of squares about the best curve with given times of change."""
+    """Sum of squared deviations from the best curve with given times of change."""
     basis = _pieces(time, changes)
     basis /= np.abs(basis).max(axis=0)
     square = np.einsum("ni,nj->ij", basis, basis)  # with so few columns, QR decomposition takes many times longer
@@ -328,7 +328,7 @@ def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
 def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
     """Times of change at which the lines fitted to neighbouring pieces meet.
 
-    They have the same limiting distribution as the times for the best continuous curve (Feder,
+    These times have the same limiting distribution as those of the best continuous curve (Feder,
     doi:10.1214/aos/1176342999).
     """
     for _ in range(ROUNDS if len(changes) else 0):
@@ -351,7 +351,7 @@ def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndar
 
 
 def with_normal(legs: tuple[LoadStep, ...], time: np.ndarray, factor: np.ndarray) -> tuple[LoadStep, ...]:
-    """Cut legs where the normal stress changes; the stress is held from each sample to the next.
+    """Cut legs where the normal stress changes; the stress is constant from each sample to the next.
 
     Parameters
     ----------

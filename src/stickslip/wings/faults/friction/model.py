@@ -1,4 +1,4 @@
-"""Data for fits, model friction, and noise: autoregressive models, whitening filters, spikes."""
+"""Data for fits, friction of the model, and noise: autoregressive models, whitening filters and spikes."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -29,13 +29,13 @@ NAMES = (
     "trend_length",
     "drift",
 )
-FIT = ("a", "b", "dc", "mu0")  # free unless fixed
+FIT = ("a", "b", "dc", "mu0")  # parameters that are free unless they are fixed
 # defaults: one state, no cut-off velocities, and a linear trend
 PLAIN = {"b2": 0.0, "dc2": 1.0, "v1": np.inf, "v2": np.inf, "trend_length": np.inf}
 DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, "drift": 0.0, **PLAIN}
 LINEAR = ("mu0", "trend", "drift")
 LOGARITHMIC = ("a", "b", "dc", "b2", "dc2", "v1", "v2", "stiffness", "damping", "alpha", "theta", "trend_length")
-OWN = ("mu0", "theta", "trend", "drift")  # by default separate for each of several data sets
+OWN = ("mu0", "theta", "trend", "drift")  # by default, each of several data sets has a separate value
 
 
 @readable
@@ -55,11 +55,11 @@ class Data(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """Data as arrays."""
+    """Checked data of one record, as arrays."""
 
     time: np.ndarray
     friction: np.ndarray
-    place: np.ndarray  # displacement of the load point (or slip) that multiplies the trend
+    place: np.ndarray  # displacement of the load point, or slip, by which the trend is multiplied
     legs: np.ndarray | None  # (3, L), see `leg_arrays`
     velocity: np.ndarray | None
     sigma: np.ndarray
@@ -68,7 +68,7 @@ class Prepared(NamedTuple):
 
     @property
     def pieces(self) -> list[slice]:
-        """Contiguous runs of fitted samples, as slices of those samples."""
+        """Contiguous runs of fitted samples, as slices into the array of all fitted samples."""
         marks = np.flatnonzero(self.used)
         cuts = np.flatnonzero(np.diff(marks) > 1) + 1
         edges = [0, *cuts.tolist(), len(marks)]
@@ -134,17 +134,17 @@ def _in_windows(time, windows) -> np.ndarray:
 def model_friction(
     case: Prepared, values: dict, law: str, form: str = "logarithmic", tolerance: float = TOLERANCE
 ) -> np.ndarray | None:
-    """Model friction at all samples, or None if the slider runs away.
+    """Friction of the model at all samples, or None if the slider runs away.
 
     Parameters
     ----------
-    values : a, b, dc, mu0, v0, b2, dc2, v1, v2, stiffness, damping, alpha, theta (initial over steady state),
+    values : a, b, dc, mu0, v0, b2, dc2, v1, v2, stiffness, damping, alpha, theta (ratio of initial to steady state),
         trend, trend_length and drift (default: 0)
     """
     v = PLAIN | values
     slider = build_slider(v, law, form)
     start = np.log(v["theta"] * v["v0"] / case.before)
-    length = v["trend_length"]  # over which a surface wears in
+    length = v["trend_length"]  # slip over which a surface wears in
     worn = case.place if np.isinf(length) else -length * np.expm1(-case.place / length)
     trend = v["trend"] * worn + v.get("drift", 0.0) * case.time
     if case.legs is None:
@@ -161,16 +161,16 @@ def model_friction(
 
 
 def linear_column(case: Prepared, name: str) -> np.ndarray:
-    """Factor of mu0, trend or drift at all samples, (T,)."""
+    """Factors (T,) by which mu0, trend or drift is multiplied in the friction of the samples."""
     return {"mu0": np.ones(len(case.time)), "trend": case.place, "drift": case.time}[name]
 
 
-MOST = 4  # largest order
+MOST = 4  # largest order of an autoregressive model
 WHITE = (np.zeros(0), np.zeros((0, 0)))
 
 
 def autocovariance(pieces, lags: int) -> np.ndarray:
-    """Autocovariance γ_l = Σ r_i r_{i+l} / N over pieces of a series (lags + 1,), biased and thus positive definite."""
+    """Autocovariance γ_l = Σ r_i r_{i+l} / N (lags + 1,) over pieces of a series; biased and thus positive definite."""
     total = sum(len(r) for r in pieces)
     return (
         np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in pieces if len(r) > k) for k in range(lags + 1)]) / total
@@ -178,15 +178,15 @@ def autocovariance(pieces, lags: int) -> np.ndarray:
 
 
 def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, of an order selected by BIC, and the head of the whitening filter.
+    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, with an order selected by BIC, and the head of the whitening filter.
 
-    The Yule–Walker equations are solved by Levinson's recursion on the autocovariance. Noise absorbed by a fit is
-    added: residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so they
-    are less correlated than the noise.
+    The Yule–Walker equations are solved by Levinson's recursion on the autocovariance. The noise absorbed by a fit is
+    added to it: residuals of generalised least squares have the covariance Σ − J C Jᵀ, where C is that of the
+    parameters, so they are less correlated than the noise.
 
     Parameters
     ----------
-    pieces : residuals without gaps, each (n_i,)
+    pieces : contiguous pieces of the residuals, each (n_i,)
     taken : columns g, cut into the same pieces, with Σ_k g_k g_kᵀ = J C Jᵀ; empty if the pieces are the noise itself
 
     Returns
@@ -216,7 +216,7 @@ def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, n
 
 
 def whitened(rows, noise, pieces) -> np.ndarray:
-    """Rows (N, …) of a series, filtered so that the noise becomes white with the variance of e.
+    """Filter rows (N, …) of a series so that its noise becomes white, with the variance of e in `autoregression`.
 
     Parameters
     ----------
@@ -246,20 +246,20 @@ def effective_samples(noise, total: int) -> float:
 
 
 def log_head_volume(noise, pieces) -> float:
-    """Contribution of the heads of the pieces to the log-determinant of the noise."""
+    """Contribution of the heads of the pieces to the log-determinant of the noise covariance."""
     phi, head = noise
     logs = -np.cumsum(np.log(np.diag(head))) if len(phi) else np.zeros(0)
     return sum(float(logs[min(len(phi), piece.stop - piece.start) - 1]) for piece in pieces) if len(phi) else 0.0
 
 
-AROUND = 7  # samples in the running median with which each sample is compared
+AROUND = 7  # number of samples in the running median with which each sample is compared
 FAR = 6.0  # standard deviations beyond which a sample is a spike (one Gaussian sample in 5e8)
-MOST_SPIKES = 0.02  # largest fraction of spikes; more are long-tailed noise
-LEAST_NOISE = 1e-6  # ratio of noise to scatter of friction below which a record has only round-off
+MOST_SPIKES = 0.02  # largest fraction of spikes; with more of them, the noise is long-tailed
+LEAST_NOISE = 1e-6  # ratio of noise to scatter of friction below which the noise is only round-off
 TO_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median absolute deviation
-SPREAD = np.sqrt(70.0)  # standard deviation of the fourth difference of white noise over its own
+SPREAD = np.sqrt(70.0)  # standard deviation of the fourth difference of white noise over that of the noise
 ABRUPT, STEP = 0.5, 1e-2  # relative changes of the velocity and of the normal stress after which friction may peak
-BEFORE, AFTER = -1, 3  # range of samples around such a change that cannot be spikes
+BEFORE, AFTER = -1, 3  # first and last sample, counted from such a change, that cannot be a spike
 
 
 def find_spikes(case: Prepared) -> np.ndarray:

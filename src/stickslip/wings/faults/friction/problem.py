@@ -1,4 +1,4 @@
-"""Least-squares problem of a fit: initial guesses, residuals, search for the best minimum, identifiability."""
+"""Least-squares problem of a fit: initial guesses, residuals, search for the best minimum, and identifiability."""
 
 from itertools import product
 from typing import NamedTuple
@@ -10,13 +10,13 @@ from ....kit import Report, silent, within
 from .model import DEFAULTS, LINEAR, LOGARITHMIC, PLAIN, WHITE, Prepared, linear_column, model_friction, whitened
 
 SEARCHED, FOUND = 0.5, 0.9  # shares of the progress bar filled once the guesses and the best minimum are found
-SINGULAR = 1e-5  # relative singular value of the scaled Jacobian below which it is a finite-difference error
+SINGULAR = 1e-5  # relative size below which singular values of the scaled Jacobian are numerical errors
 WIDEST = np.log(10.0)  # half width of a logarithm's interval above which the parameter is not determined
-PART = 0.25  # relative component in a direction above which a parameter is named
+PART = 0.25  # relative size of a component above which a direction contains its parameter
 
 
 class Estimates(NamedTuple):
-    """Fitted values, with NaN for those that the data do not determine."""
+    """Fitted values, with NaN for parameters that the data do not determine."""
 
     values: dict
     errors: dict
@@ -25,11 +25,11 @@ class Estimates(NamedTuple):
     identifiable: bool
     sentence: str
     gap: float  # a − b
-    error: float  # half width of its interval
+    error: float  # half width of the 95 % interval of a − b
 
 
 def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (JᵀJ)⁻¹ from singular values, and the parameters in directions that do not change the model.
+    """Covariance (JᵀJ)⁻¹ from singular values, and a mask of parameters that can change without effect on the model.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
 
 
 def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Estimates:
-    """Estimate values with intervals and identifiability.
+    """Estimate parameters with their intervals, and find those that the data do not determine.
 
     A parameter is not determined if it contributes to a direction that does not change the model, if the 95 % interval
     of its logarithm extends beyond a factor of 10, or if values far beyond that interval fit equally well.
@@ -54,9 +54,9 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
     Parameters
     ----------
     inner, blind : from `covariance`
-    x : (m,) logarithms where `logs`, else values
-    reach : Student t quantile
-    open_sides : name → (limit, "above" or "below") of parameters whose values fit equally well without bound
+    x : (m,) logarithms where `logs` is True, values elsewhere
+    reach : quantile of Student's t distribution
+    open_sides : name → (limit, "above" or "below"), if all values above or below this limit fit equally well
     """
     half = reach * np.sqrt(np.diag(inner))
     unknown = blind | (logs & (half > WIDEST)) | np.array([name in open_sides for name in names])
@@ -116,10 +116,10 @@ def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
 
 
 RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
-SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
-LENGTHS = 9  # number of D_c values between 1/300 of a leg's length and its length
-BEYOND = 10.0  # one more D_c, over the length of a leg, for a state that hardly evolves
-STIFFNESSES = (0.6, 1.5, 4.0)  # stiffness over the steepest slope of the record
+SIZES = (0.3, 1.0, 3.0)  # ratios of a to its estimate from the range of friction
+LENGTHS = 9  # number of values of D_c from 1/300 of the length of a leg to this length
+BEYOND = 10.0  # ratio of a further D_c to the length of a leg, for a state that hardly evolves
+STIFFNESSES = (0.6, 1.5, 4.0)  # ratios of the stiffness to the steepest slope of the record
 SECOND = (10.0, 0.1)  # D_c of a second state over that of the first
 SHARE = 0.3  # fraction of a second state in the evolution effect
 FAST = 10.0  # cut-off velocities over the largest velocity
@@ -127,7 +127,7 @@ BEST = 5  # number of guesses that are returned
 
 
 def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict, report: Report = silent) -> list[dict]:
-    """Best points of a grid, each with mu0, trend and drift from linear least squares, best first.
+    """Points of a grid with the smallest misfit, best first, each with mu0, trend and drift from linear least squares.
 
     The search uses the logarithmic form, with one state and without cut-off velocities.
     """
@@ -159,7 +159,7 @@ def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict, report: 
 
 
 def extended_guesses(guess: dict, cases: list[Prepared], free) -> list[dict]:
-    """Guesses for further parameters: a second state with a longer or shorter D_c, and high cut-off velocities."""
+    """Extend a guess to further parameters: a second state with longer or shorter D_c, and high cut-off velocities."""
     fastest = max(float(np.abs(case.velocity if case.legs is None else case.legs[1]).max()) for case in cases)
     more = {name: FAST * fastest for name in ("v1", "v2") if name in free}
     if "trend_length" in free:
@@ -172,7 +172,7 @@ def extended_guesses(guess: dict, cases: list[Prepared], free) -> list[dict]:
 
 
 def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
-    """Sum of squares for the best mu0, trend and drift of each data set."""
+    """Sum of squares for the best mu0, trend and drift of each data set, and these best values."""
     cost, linear = 0.0, []
     for case in cases:
         model = model_friction(case, values, law, tolerance=1e-5)
@@ -193,7 +193,7 @@ def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
 
 
 def _direct_effect(cases) -> float:
-    """Range of friction divided by that of ln V, which is about 5 if the load point stops."""
+    """Range of friction divided by that of ln V, which counts as 5 if the load point stops."""
     sizes = []
     for case in cases:
         speed = np.abs(case.velocity if case.legs is None else np.r_[case.before, case.legs[1]])
@@ -232,10 +232,10 @@ def _steepest_slope(cases) -> float:
 
 BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # values before the coarse search
 STEP = 1e-5  # step of logarithms for finite differences; the model is accurate to 1e-9
-RUNAWAY_RESIDUAL = 1e3  # residual over the record's scatter if the slider runs away
+RUNAWAY_RESIDUAL = 1e3  # residual, over the scatter of friction, if the slider runs away
 SAME = 1e-4  # relative difference of sums of squares that belong to the same minimum
 MAX_SHIFT = 7.0  # largest change of a logarithm from its initial guess: a factor of a thousand
-WIDE = 0.3  # half width of a logarithm's interval above which its ends are checked
+WIDE = 0.3  # half width of a logarithm's interval above which the ends of the interval are checked
 
 
 class Task(NamedTuple):
@@ -263,7 +263,7 @@ def parameters_of(task: Task, x, number: int) -> dict:
 
 
 def residual(task: Task, x) -> np.ndarray:
-    """Residual (data − model)/sigma of all fitted samples."""
+    """Residuals (data − model)/sigma of all fitted samples."""
     out = []
     for number, case in enumerate(task.cases):
         model = model_friction(case, parameters_of(task, x, number), task.law, task.form)
@@ -301,7 +301,7 @@ def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
 
 
 def pieces(task: Task) -> list[slice]:
-    """Contiguous runs of samples over all records."""
+    """Contiguous runs of fitted samples of all records, as slices into the residuals."""
     out, row = [], 0
     for case in task.cases:
         out += [slice(row + piece.start, row + piece.stop) for piece in case.pieces]
@@ -310,7 +310,7 @@ def pieces(task: Task) -> list[slice]:
 
 
 def filtered_residual(task: Task, x, filters) -> np.ndarray:
-    """Whitened residual."""
+    """Residuals of all records after whitening of the noise."""
     return whitened(residual(task, x), filters, pieces(task))
 
 
@@ -352,7 +352,7 @@ def describe(task: Task, x, rest) -> str:
 
 
 def find_best(task: Task) -> tuple[np.ndarray, int]:
-    """Best minimum reached from the initial guesses."""
+    """Best minimum reached from the initial guesses, and the number of evaluations."""
     free = {label.split("[")[0] for label in task.names}
     minima, count = [], 0
     fixed, report = {**BLANK, **task.fixed}, task.report
@@ -401,7 +401,7 @@ def with_states_in_order(task: Task, x) -> np.ndarray:
 
 
 def find_open_sides(task: Task, x, filters, worst: float, half) -> dict:
-    """Find unbounded sides of wide intervals, where distant values fit equally well after all others are refitted.
+    """Find sides on which wide intervals have no bound: distant values fit equally well if all others are refitted.
 
     Intervals derived from derivatives at the best point miss these: as k → ∞, for example, the derivatives vanish while
     the sum of squares stays finite.

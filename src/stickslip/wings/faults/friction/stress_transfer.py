@@ -1,14 +1,14 @@
-"""Stress on a straight fault: due to its slip, with or without a free surface, and imposed as normal stress.
+"""Stress on a straight fault due to slip, with or without a free surface, and imposed changes of normal stress.
 
-Between the centres of N cells of length h, slip is a sum of terms sin(πx/h)/(πx/h): the band-limited function with the
-values of the cells and no wavelength below 2h. A sinusoid then has its exact stiffness G*|k|/2, with G* = G for
+Between the centres of N cells of length h, slip is a sum of terms sin(πx/h)/(πx/h): the band-limited function that has
+the values of the cells and no wavelength below 2h. A sinusoid then has its exact stiffness G*|k|/2, with G* = G for
 antiplane and G/(1 − ν) for in-plane shear, and errors arise only from slip that such a sum cannot represent. Slip of 1
 at one centre stresses the centre m cells away by (G*/πh) [−π²/4 for m = 0, 1/m² for odd m, 0 for even m]. A free
-surface mirrors slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log N) operations;
+surface adds mirrored slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log N) operations;
 `stress_matrix` returns the same operator as a dense matrix.
 
 In a half-space, points are ζ = x + iz, with x horizontal and the depth z ≥ 0. The fault is ζ = ξ t with t = e^{iψ}, dip
-ψ and distance ξ down dip; its hanging wall is at larger x. Slip δ is that of a thrust: the foot wall moves along t
+ψ and distance ξ down dip; its hanging wall is at larger x. Slip δ > 0 is that of a thrust: the foot wall moves along t
 relative to the hanging wall. A fault that slips by δ from the end s₁ down to s₂ has the potentials φ(s₁) − φ(s₂) and
 ψ(s₁) − ψ(s₂) of two edge dislocations (N. I. Muskhelishvili, Some Basic Problems of the Mathematical Theory of
 Elasticity, 1953),
@@ -46,7 +46,7 @@ def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.
     at : (P,) complex points x + iz
     ends : (N + 1,) distances down dip between which the N cells slip
     dip : ψ [degrees]
-    image : True for only the part that the free surface adds to the stress in an infinite body
+    image : True to return only the part that the free surface adds to the stress in an infinite body
 
     Returns
     -------
@@ -76,7 +76,7 @@ def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.
 def surface_displacement(x, ends, dip: float) -> np.ndarray:
     """Displacement of surface points due to unit slip of cells: horizontal plus i times downward (P, N).
 
-    It does not depend on Poisson's ratio.
+    The displacement does not depend on Poisson's ratio.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class StressTransfer(NamedTuple):
     phases: np.ndarray  # (2, N) cosine and sine of πj/(2L)
     roots: np.ndarray  # (2, M) cosine and sine of −2πj/M, with M the longer side of the table of L = R × C places
     turns: np.ndarray  # (2, R, C) factors between transforms along both sides of the table
-    symbol: np.ndarray  # (L,) values for the convolution, over L, in the order of `_order_of_roots` [stress/length]
+    symbol: np.ndarray  # (L,) values for the convolution, divided by L, in the order of the transforms [stress/length]
     reflected: np.ndarray | None  # (2, L) real and imaginary values for mirrored slip; None without a surface
     image: tuple | None = None  # effect of a free surface on in-plane slip, see `_image`
     sense: int = 1  # −1 for a normal fault
@@ -158,7 +158,7 @@ def stress_transfer(
         N h, where slip e^{ikz} gives the stress −(G*/2) |k| coth(|k| W) e^{ikz} between plates of thickness W with
         fixed far sides
     thickness : W of each plate, for a periodic fault [length]
-    dip : for in-plane slip; with `boundary` "surface" [degrees]
+    dip : dip of a fault with in-plane slip and `boundary` "surface" [degrees]
     sense : 1 if positive slip is that of a thrust, −1 if it is that of a normal fault
     """
     size = max(4, 1 << (number - 1).bit_length())
@@ -189,7 +189,7 @@ def stress_transfer(
 
 
 def _parts(power: np.ndarray) -> np.ndarray:
-    """Cosine and sine of imaginary numbers."""
+    """Cosine and sine of the imaginary parts: the real and imaginary parts of exp(`power`)."""
     return np.array([np.cos(power.imag), np.sin(power.imag)])
 
 
@@ -222,7 +222,7 @@ def _image(number: int, cell: float, modulus: float, dip: float) -> tuple[sparse
     """Interpolation from R nodes to the cells (N, R), and shear and normal stress at the nodes due to slip (2R, N).
 
     This is the stress that the surface adds, minus the stress of slip mirrored in the surface, both for uniform slip in
-    cells. Between ξ and 2ξ, nodes are Chebyshev nodes; near the surface they are the cells.
+    cells. Between ξ and 2ξ, nodes are Chebyshev nodes; near the surface, they are cell centres.
     """
     t, places, order = np.exp(1j * np.radians(dip)), np.arange(number) + 0.5, _order(dip)
     nodes, blocks, high = [], [], number
@@ -262,7 +262,7 @@ def stress_matrix(number: int, cell: float, modulus: float, boundary: str) -> np
     return out
 
 
-INSTANTS = 400  # times at which the normal stress is checked before a simulation
+INSTANTS = 400  # number of times at which the normal stress is checked before a simulation
 
 
 @readable
@@ -281,9 +281,9 @@ class Injection(NamedTuple):
     6.555 MPa
     """
 
-    flux: float  # q, volume per time and per cross-section of the fault; half of it flows to each side [m/s]
+    flux: float  # q, volume per time and cross-sectional area of the fault; half of it flows to each side [m/s]
     storage: float  # S = φ β, porosity × compressibility of pores and fluid [1/Pa]
-    diffusivity: float  # c, hydraulic [m²/s]
+    diffusivity: float  # c, hydraulic diffusivity [m²/s]
     stop: float = np.inf  # end of the injection [s]
     start: float = 0.0  # [s]
     at: float = 0.0  # depth of the source, or its position along the fault [m]
@@ -302,7 +302,7 @@ class Injection(NamedTuple):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Start and end [s]."""
+        """Start and end of the injection [s]."""
         return self.start, self.stop
 
     def pressure(self, depth: np.ndarray, time: float) -> np.ndarray:
@@ -310,7 +310,7 @@ class Injection(NamedTuple):
         return self._spread(depth, time - self.start) - self._spread(depth, time - self.stop)
 
     def change(self, depth: np.ndarray, time: float) -> np.ndarray:
-        """Minus the pressure (N,) [Pa]."""
+        """Change of the normal stress: minus the pressure (N,) [Pa]."""
         return -self.pressure(depth, time)
 
     def _spread(self, depth: np.ndarray, time: float) -> np.ndarray:
@@ -323,7 +323,7 @@ class Injection(NamedTuple):
 
 @readable
 class Oscillation(NamedTuple):
-    """Oscillation A sin(2πt/T) added to the normal stress everywhere, as under tides."""
+    """Oscillation A sin(2πt/T) added to the normal stress everywhere, such as that due to tides."""
 
     amplitude: float  # A [Pa]
     period: float  # T [s]
@@ -347,11 +347,11 @@ class Oscillation(NamedTuple):
 
 @readable
 class StressTable(NamedTuple):
-    """Changes of the effective normal stress at times and depths, linear between them and constant beyond them.
+    """Changes of the effective normal stress at times and depths, interpolated linearly and constant beyond them.
 
     Examples
     --------
-    A fall of 2 MPa at all depths within one day, after a year:
+    A decrease of 2 MPa at all depths within one day, after a year:
 
     >>> table = StressTable([3.15e7, 3.15e7 + 86400], [0.0], [[0.0], [-2e6]])
     >>> table.change(np.array([5e3]), 3.2e7)
@@ -360,13 +360,13 @@ class StressTable(NamedTuple):
 
     time: Series  # (K,) increasing [s]
     depth: Series  # (D,) increasing [m]
-    values: Annotated[Any, Array((2,))]  # (K, D) added to the normal stress; minus a pore pressure [Pa]
+    values: Annotated[Any, Array((2,))]  # (K, D) changes of normal stress; a pore pressure counts as negative [Pa]
 
     check_entries = check_types
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """All times [s]."""
+        """All times of the table [s]."""
         return tuple(np.asarray(self.time, float).tolist())
 
     def check(self) -> None:
@@ -416,7 +416,7 @@ def read_stress_table(path: str | Path) -> StressTable:
     except (ValueError, IndexError, csv.Error):
         raise ValueError(
             f"{path} is not a table of numbers: give depths in m in the first row, after a first cell with any "
-            f"text, then rows of a time in s and changes of normal stress in Pa"
+            f"text, then rows with a time in s and changes of normal stress in Pa"
         ) from None
     try:
         table.check()

@@ -1,4 +1,4 @@
-"""Figures of rate-and-state friction: history of a slider, fits to a record, their posterior, cycles of a sweep."""
+"""Figures of rate-and-state friction: history of a slider, fits to a record, their posterior, and cycles of a sweep."""
 
 from typing import Annotated, Any
 
@@ -32,7 +32,7 @@ SYMBOLS = {
     "v2": "$V_2$", "stiffness": "$k$", "damping": r"$\eta$", "alpha": r"$\alpha$", "theta": r"$\theta_0$",
 }  # fmt: skip
 NARROW = 1e-4  # relative range of draws below which an axis shows differences from the median
-BINS, SMOOTH, SHARES = 28, 1.0, (0.95, 0.68)  # two-dimensional histograms: cells, width of the filter, contours
+BINS, SMOOTH, SHARES = 28, 1.0, (0.95, 0.68)  # two-dimensional histograms: cells per axis, filter width, contours
 UNITS = ((YEAR, "years"), (86400.0, "days"), (3600.0, "h"), (1.0, "s"))
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)  # percentiles of the members of a sweep
 BOTTOM = 1e-12  # smallest velocity drawn, over the largest
@@ -106,13 +106,13 @@ def fitted(data: _Data, fits: list[_Fit] | tuple[_Fit, ...]):
 def corner(columns: dict, intervals: dict, units: dict):
     """Histograms of draws for each parameter, with the interval of the fit, and contours for each pair.
 
-    A parameter whose range is too narrow for readable numbers, as for a record without noise, is drawn as the
-    difference Δ from its median.
+    Contours contain 68 and 95 % of the draws. A parameter whose range is too narrow for readable numbers, such as that
+    of a fit without noise, is drawn as the difference Δ from its median.
 
     Parameters
     ----------
     columns : name → draws
-    intervals : name → (low, high), shaded; contours contain 68 and 95 % of the draws
+    intervals : name → (low, high), shaded
     units : name → unit
     """
     names, many = list(columns), len(columns)

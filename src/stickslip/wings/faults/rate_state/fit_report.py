@@ -59,8 +59,8 @@ class RecordFits(NamedTuple):
     fits: tuple[Fit, ...]
     comparison: LawComparison | None
     posterior: Posterior | None = None
-    remedies: tuple[str, ...] = ()  # possible faults in the input, tested by second fits
-    met: dict[str, list[str]] | None = None  # columns of the record: used, without effect, unknown
+    remedies: tuple[str, ...] = ()  # possible errors in the input, tested by second fits
+    met: dict[str, list[str]] | None = None  # columns of the record: used, without effect, and unknown
 
 
 def fit_record(
@@ -105,7 +105,7 @@ def fit_record(
 
 
 def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Report = silent) -> tuple[str, ...]:
-    """Sentences on faults in the input (missing trend, wrong stiffness) for laws that the data do not reject."""
+    """Sentences on possible errors in the input (missing trend, wrong stiffness), for laws that the data allow."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
     solutions = [
         solution._replace(task=solution.task._replace(report=within(tell, stage=f"doubts about the {law} law")))
@@ -258,7 +258,7 @@ def _trade_offs(fit: Fit) -> str:
 
 
 def doubts(result: RecordFits) -> list[str]:
-    """Return one sentence for each possible fault: spikes, a wrong unit of length or stiffness, a missing trend."""
+    """Return one sentence per possible error: spikes, a wrong unit of length or stiffness, or a missing trend."""
     low, high = CREDIBLE
     fit = result.fits[0]
     count = sum(map(len, fit.spikes))

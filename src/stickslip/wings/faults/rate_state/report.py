@@ -12,12 +12,12 @@ from ..friction.laws import steady_friction
 from . import figures as figures_of
 from .simulate import SliderResult
 
-LEAST, MOST = 3, 500  # fewest members with cycles for a figure, and most members whose slip it shows
-BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # range of times in a figure, in median recurrence times, and their number
+LEAST, MOST = 3, 500  # smallest number of members with cycles for a figure, and largest number drawn in it
+BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # range of times in a figure, in median recurrence times, and number of times
 
 
 def figures(result: SliderResult):
-    """Yield (file name, Figure) of a run."""
+    """Yield (file name, Figure) for each figure of a run."""
     yield "fig1_history.png", figures_of.slid(result.history, result.recorded, result.legs)
 
 
@@ -34,7 +34,7 @@ def _write_series(result: SliderResult, path: Path) -> None:
 
 
 def numbers(result: SliderResult) -> dict:
-    """Return the contents of the archive, besides scenario and version."""
+    """Return the contents of the archive other than scenario and version."""
     history = archive_fields(result.history._replace(end=result.history.end.value))
     return {"history": history, "recorded": result.recorded, "units": "m, s"}
 
@@ -63,7 +63,7 @@ def compare(members: list[SweepMember]) -> Comparison:
 
 
 def compare_cycles(members: list[SweepMember], cycles: Callable) -> Comparison:
-    """Slip since an event, and recurrence times, of the members of a sweep if at least three have cycles.
+    """Compare slip since an event and recurrence times of the members of a sweep if at least three have cycles.
 
     Parameters
     ----------

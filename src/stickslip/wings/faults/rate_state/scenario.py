@@ -10,7 +10,7 @@ from ..friction.laws import RateState
 
 
 class Surface(ScenarioTable):
-    """μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), or a variant."""
+    """Friction of the surface: μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), or a variant."""
 
     law: Literal["aging", "slip"] = Field("slip", description="evolution law of the state θ")
     a: Positive = Field(0.0247, description="direct effect; defaults of a, b and dc are those of Ferdowsi & Rubin 2021")
@@ -97,7 +97,7 @@ class RateStateScenario(ScenarioBase):
     samples: Samples = Samples()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over the number of samples."""
+        """Iterate over sizes: the number of samples."""
         number = self.samples.number * len(self.legs)
         yield Size("samples.number and legs make", number, "samples", "use fewer samples or legs")
 

@@ -11,7 +11,7 @@ from ..friction.loads import LoadStep
 from . import EXPERIMENT
 from .scenario import RateStateScenario
 
-EARLIEST = 1e-4  # first sample of each leg on the logarithmic grid, as a fraction of the leg
+EARLIEST = 1e-4  # first sample of each leg on the logarithmic grid, as a fraction of the leg's duration
 
 
 @result_of(EXPERIMENT)
@@ -35,7 +35,7 @@ def simulate_slider(
     sliding = tuple(steady_sliding(surface, spring, leg.velocity) for leg in legs if leg.velocity > 0)
     rate = f"stiffness {spring.stiffness:g}, growth rate {max(regime.growth_rate for regime in sliding):.2e}"
     report("slider", 0.0, f"{len(legs)} legs of the load point, {rate}")
-    few = scenario.samples.number // 3  # samples of each leg that are evenly spaced in ln t, and the others in t
+    few = scenario.samples.number // 3  # number of samples per leg evenly spaced in ln t; others: in t
     share = np.r_[np.geomspace(EARLIEST, 1.0, few), np.linspace(0, 1, scenario.samples.number - few + 1)[1:]]
     ends = np.cumsum([leg.duration for leg in legs])
     times = [end - leg.duration * (1 - np.unique(share)) for end, leg in zip(ends, legs, strict=True)]

@@ -90,7 +90,7 @@ PUSHES = np.arange(1, 81) / 40  # in units of F_y
 STEPS = 100_000  # largest number of steps in the search for an equilibrium; a tenth suffices if one exists
 BEFORE = 2e-6, 3.2e-5  # distances in F_x from a birth at which Im λ and the gap between real eigenvalues are compared
 SQUARE_ROOT = 0.05  # tolerance of the exponent 1/2; it would be 0 for a jump and 1 for a crossing of eigenvalues
-PURE = 1 - TOLERANCE["share"]  # fraction in y above which a mode counts as a pure y mode
+PURE = 1 - TOLERANCE["share"]  # fraction of motion in y above which a mode counts as a pure y mode
 UNIT = "sqrt(k_n (2R)^1/2/m)"
 
 
@@ -131,7 +131,7 @@ def _variants() -> Claim:
 
 
 def _births(main: DiskArrayResult) -> list[Claim]:
-    """Claims about the number of births, the death of the first pair, and pairs above 0.082."""
+    """Claims about the number of births, the death of the first pair, and pairs above F_x = 0.082."""
     born = sorted((f for f in main.families if f.birth), key=lambda f: f.birth.load)
     events = [f.birth.load for f in born if f.birth.load <= LINE_TOP]
     quiet = not any(free.slid for load, free in main.free_runs.items() if load < STABLE_LOAD)
@@ -156,7 +156,7 @@ def _births(main: DiskArrayResult) -> list[Claim]:
 
 
 def birth_exponents(family: Family, main: DiskArrayResult) -> tuple[float, float]:
-    """Exponents of the gap between two real eigenvalues before a birth, and of Im λ after it, against the distance.
+    """Exponents, in the distance from a birth, of the gap between two real eigenvalues before it and of Im λ after it.
 
     The two are the neighbouring real eigenvalues nearest to the pair.
     """
@@ -190,7 +190,7 @@ def _coalescence(main: DiskArrayResult) -> Claim:
 
 
 def _growing(main: DiskArrayResult) -> Claim:
-    """Claim that Im λ grows with the push, over the loads of the fronts."""
+    """Claim that Im λ grows with the push in the range of loads at which fronts are measured."""
     points = [p for p in main.path if p.load >= FRONT_LOADS[0]]
     largest = np.array([p.spectrum.im_lambda.max() for p in points])
     printed = np.array([p.load for p in points]) <= FRONT_LOADS[-1] + 1e-12
@@ -435,7 +435,7 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
 
 
 MODELS, PUSHED = ("printed", "quarter"), "ramps and free runs"  # names of the models, and of a stage
-SHARES = {RAMP: (0.0, 0.6), BIRTHS: (0.6, 0.8), FREE: (0.8, 1.0)}  # fraction of the work before sliding, in a quick run
+SHARES = {RAMP: (0.0, 0.6), BIRTHS: (0.6, 0.8), FREE: (0.8, 1.0)}  # stages as fractions of a quick run before sliding
 
 
 class Reproduction(NamedTuple):
@@ -444,12 +444,12 @@ class Reproduction(NamedTuple):
     main: DiskArrayResult
     quarter: DiskArrayResult
     arrests: list[Arrest]  # arrests of the main scenario
-    threshold: KineticThreshold  # of the main scenario
+    threshold: KineticThreshold  # kinetic threshold of the main scenario
     claims: list[Claim]
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
-    """Return the scenario of the printed model: N = 10, μ = 10, k_t = 2/7 k_n, smooth Coulomb, F_y = 0.1."""
+    """Return the scenario of the printed model: N = 10, μ = 10, k_t = 2/7 k_n, F_y = 0.1, and smooth Coulomb."""
     return validate_scenario(
         DiskArrayScenario,
         seed=seed,
@@ -493,7 +493,7 @@ def reproduce(
     quick : use fewer realisations and shorter runs
     seed : seed of all random velocities
     workers : number of processes for the realisations, or the address of a Dask scheduler
-    device : "cuda" to run realisations of sliding on a graphics processor; errors as in `simulate_disk_array`
+    device : "cuda" to run realisations of sliding on a graphics processor; raises the errors of `simulate_disk_array`
     report : called as report(stage, share done, text)
     """
     ones = paper_scenario(quick=quick, seed=seed), quarter_scenario(quick=quick, seed=seed)

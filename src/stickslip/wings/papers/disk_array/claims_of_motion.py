@@ -1,4 +1,4 @@
-"""Statements of Charan et al. 2020, with printed numbers, on fronts, the approach to the Coulomb limit, and sliding.
+"""Statements of Charan et al. 2020 on fronts, the approach to the Coulomb limit, and sliding, with printed numbers.
 
 Tolerances were fixed before anything was measured.
 """
@@ -27,11 +27,11 @@ GROWTH_LOADS = (0.030, 0.040, 0.083, 0.087, 0.090)
 V2_THRESHOLD = 0.05
 LINE_TOP = 0.090  # largest load in the fit of Eq 10, the largest named in the paper
 MODE_LOAD = 0.083  # load at which the y mode is shown: the smallest push at which the paper's array slides
-COARSER = (5e-3, 2e-3, 1e-3)  # extra load steps; the difference from the last is the error of a birth
+COARSER = (5e-3, 2e-3, 1e-3)  # further load steps; the change from the last of them is the error of a birth
 BISECTED = 1e-6  # width to which births and deaths are bisected [F_x]
 IM_LAMBDA = {0.083: 2.4e-4, 0.087: 7.7e-4, 0.090: 1.0e-3}
 V1 = {0.083: 0.0014, 0.087: 0.0022, 0.090: 0.0028}
-# growth of mean M from first to last quarter of a run: far below for beats of stable modes, above for pairs
+# limit for the growth of mean M from the first to the last quarter of a run: stable modes stay below, pairs rise above
 RISE = 10.0
 SHOWS = {
     "Fig 2": ("complex pairs along the push", "late-pair-birth"),
@@ -43,21 +43,21 @@ SHOWS = {
 }
 TOLERANCE = {
     "pairs": 0.0,  # counts
-    "window": 0.02,  # 0.082 and 0.062 are printed with two digits: more than half a unit of the last, 0.8 %
-    "birth": 0.01,  # 0.082 is printed with two digits: half a unit of the last is 0.6 %
-    "im-lambda": 0.1,  # printed with one or two digits: half a unit of the last is 5 % of 0.001
+    "window": 0.02,  # 0.082 and 0.062 are printed with two digits: half a unit of the last digit is 0.8 %
+    "birth": 0.01,  # 0.082 is printed with two digits: half a unit of the last digit is 0.6 %
+    "im-lambda": 0.1,  # printed with one or two digits: half a unit of the last digit is 5 % of 0.001
     "growth": 0.02,  # linear theory is exact; the fit window ends where contacts begin to open
     "saturation": 1.0,  # the paper prints "about" and a power of ten: a factor of two either way
     "threshold": 0.1,  # the paper's loads of arrest and of sliding differ by a factor of two
     "front": 0.25,  # nearly three times the largest error that the paper gives for V_1 with its 25 realisations, 9 %
     "ratio": 1.5 / 4.3,  # the scatter printed in the paper: 4.3 ± 1.5
     "exponent": 0.21,  # over Im λ from 2.4e-4 to 1.0e-3, this change of the power equals the ratio's scatter of 35 %
-    "slope": 0.1,  # printed with two digits and no error: typical of a fit to a handful of velocities
-    "intercept": 0.2,  # as for the slope, but the intercept extrapolates over nine tenths of the push
+    "slope": 0.1,  # printed with two digits and no error: a typical error of a fit to a few velocities
+    "intercept": 0.2,  # as for the slope, but extrapolated over nine tenths of the push
     "share": 0.1,  # the figure shows no x and no rotation: bars of 0.3 would be visible, and their square is 0.1
     "frequency": 0.05,  # "approximately"; printed with three digits, at a push that is not stated
     "wave number": 0.25,  # "approximately 2": half a unit of the only digit of the wavelength
-    "steady": 0.1,  # "fixed", "without growth": as visible in a plot
+    "steady": 0.1,  # "fixed", "without growth": a change that would be visible in a plot
     "power": 0.1,  # t and t^1.1 differ by a quarter over a decade
     "independence": 0.25,  # tolerance of an exponent: from 0.083 to 0.12 the speed then changes by a tenth
     "charging": 0.1,  # smaller changes of t_iw do not count
@@ -65,12 +65,12 @@ TOLERANCE = {
 }
 
 
-CERTAIN = 3.0  # in standard errors: of 27 steps between neighbours, one is this far below 0 by chance in 4 % of cases
+CERTAIN = 3.0  # in standard errors: among 27 steps between neighbours, chance puts one this far below 0 in 4 % of cases
 MUCH = 10.0  # "much faster": the paper's numbers differ by a factor of 27 to 54
 
 
 def evaluate_fronts(main: DiskArrayResult) -> list[Claim]:
-    """Evaluate the statements for the main scenario."""
+    """Evaluate the statements about fronts for the main scenario."""
     forward = {load: forward_front(main, ensemble) for load, ensemble in main.sliding.items()}
     ratios = {load: halves_ratio(front) for load, front in forward.items() if front}
     speeds = []
@@ -154,7 +154,7 @@ def backward_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
 
 
 def _starts(main: DiskArrayResult) -> list[Claim]:
-    """Claims about the disk at which each front starts, in more than half of the realisations."""
+    """Claims about the disk at which each front starts in more than half of the realisations."""
     k = main.scenario.sliding.thresholds.index(V2_THRESHOLD)
     groups = [main.sliding[load] for load in FRONT_LOADS]
     pushed, last = main.scenario.load.disk - 1, int(backward_order(main)[0][0])
@@ -201,7 +201,7 @@ def halves_ratio(front: Front) -> float:
 
 
 def _dependences(main: DiskArrayResult, forward: dict[float, Front | None]) -> list[Claim]:
-    """Claims that V_1 depends on F_x and V_2 does not, by p in V ∝ F_x^p, and that V_2 is much faster."""
+    """Claims that V_1 depends on F_x and V_2 does not, from p in V ∝ F_x^p, and that V_2 is much faster."""
     backward = {load: backward_front(main, V2_THRESHOLD, [load]) for load in main.sliding}
     (p1, e1), (p2, e2) = (_power_of_push(fronts) for fronts in (forward, backward))
     ratios = {load: backward[load].speed / forward[load].speed for load in FRONT_LOADS
@@ -256,7 +256,7 @@ TRANSITION = 0.083  # push of Figs 3 and 4 at which the array slides
 
 
 def evaluate_motion(main: DiskArrayResult, arrests: list[Arrest]) -> list[Claim]:
-    """Evaluate the statements for the main scenario."""
+    """Evaluate the statements about single disks, slip and sliding for the main scenario."""
     return [
         *(_charging(arrest) for arrest in arrests), _msd_at_breach(main), _where_first(main), _power(main),
         *_spiral(main), *_center(main), *sliding_claims(main, ""),
@@ -264,7 +264,7 @@ def evaluate_motion(main: DiskArrayResult, arrests: list[Arrest]) -> list[Claim]
 
 
 def _charging(arrest: Arrest) -> Claim:
-    """Claim that slip at the substrate is charged: it must grow by more than the tolerance."""
+    """Claim that slip at the substrate is "charged": it must grow by more than the tolerance."""
     mean, error = float(arrest.charge.mean()), standard_error(arrest.charge)
     return statement(
         f"charging-{arrest.load:.3f}", 'Fig 3: "static friction with charging of t_iw" at 0.03 and 0.04',
@@ -351,7 +351,7 @@ def _spiral(main: DiskArrayResult) -> list[Claim]:
 
 
 def _columns(values: np.ndarray, there: np.ndarray) -> list[np.ndarray]:
-    """Present entries of each column."""
+    """Entries of each column for which `there` is True."""
     return [column[mask] for column, mask in zip(values.T, there.T, strict=True)]
 
 
@@ -384,7 +384,7 @@ def _ratio(name: str, source: str, values: np.ndarray, tolerance: float, note: s
 
 
 def sliding_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
-    """Claims about Eq 10; the intercept for the printed model only."""
+    """Claims about the slope in Eq 10 and, for the printed model only, its intercept."""
     line = velocity_line(result, LINE_TOP)
     slope, error, note = None, None, "fewer than three loads at which realisations slide before the run ends"
     if line:

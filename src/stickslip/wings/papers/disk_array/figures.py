@@ -29,7 +29,7 @@ MOVED = (r"$\Delta C^x_\mathrm{mass}$", DIAMETER)
 def complex_pairs(
     results: Annotated[dict[str, _WithPairs], Requirement(require_filled)], paper: dict[float, float] | None = None
 ):
-    """Im λ of every complex pair against the push, one panel per result, with births and deaths (Fig 2).
+    """Im λ of every complex pair against the push, with births and deaths; one panel per result (Fig 2).
 
     Parameters
     ----------
@@ -133,7 +133,8 @@ def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | Non
 
     Parameters
     ----------
-    forward : load -> Front; backward : Front or None
+    forward : load -> Front
+    backward : Front or None
     """
     figure, (top, bottom) = style.column_axes(2, 4.8)
     for color, (load, front) in zip((style.BLUE, style.GREEN, style.RED, style.ORANGE), forward.items(), strict=False):
@@ -162,7 +163,7 @@ def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | Non
 def mode_shape(spectrum: Spectrum, index: int):
     """Components of one mode by coordinate: x, y and R·angle of all disks (Fig 6)."""
     require_index(spectrum.modes.shape[1], index=index)
-    index = int(index)  # True would be a mask
+    index = int(index)  # as an index, True would be a mask
     figure, axes = style.column_axes(height=2.3)
     mode = spectrum.modes[:, index]
     mode = mode * np.exp(-1j * np.angle(mode[np.argmax(np.abs(mode))]))

@@ -18,26 +18,26 @@ from ....results import Equilibrium
 from .scenario import DiskArrayScenario, Dynamics
 
 BOOTSTRAPS = 1000
-AROUND = 200  # samples before and after a time over which a profile is averaged: 20 periods of the fastest mode
+AROUND = 200  # number of samples before and after a time that are averaged: 20 periods of the fastest mode each
 
 
 class Transition(NamedTuple):
     """One realisation of the transition; times of events that did not happen are NaN."""
 
-    breach: np.ndarray  # (N,) first time at the Coulomb limit of each disk's contact with the substrate [time]
+    breach: np.ndarray  # (N,) time when each disk's contact with the substrate first reaches the Coulomb limit [time]
     slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
     # velocity of the centre of mass over the last third of the run; NaN unless all disks slid earlier [length/time]
     velocity: float  # [length/time]
-    wall_first: float  # 1 if the first contact at the Coulomb limit is with the substrate, 0 if not; NaN if none is
+    wall_first: float  # 1 if the first contact at the Coulomb limit is with the substrate, 0 if not; NaN if none
     msd_at_breach: float  # M when the first contact with the substrate reaches the Coulomb limit [length²]
     unloading: np.ndarray  # (N,) overlap with the substrate at the breach of each disk, over that before the run
     power: float  # p in M ∝ (t − t_b)^p over the last third of the run, t_b the first breach; NaN unless all disks slid
-    late_velocity: np.ndarray  # (2,) velocity of the centre in both halves of the last third, likewise [length/time]
-    late_height: np.ndarray  # (2,) standard deviation of the height of the centre in both halves [length]
+    late_velocity: np.ndarray  # (2,) `velocity` in each half of the last third [length/time]
+    late_height: np.ndarray  # (2,) standard deviation of the centre's height in each half of the last third [length]
     # the following use displacements along the row, averaged over `AROUND` samples before and after
-    smooth_slide: np.ndarray  # (H, N) first time at which these exceed each threshold [time]
-    profile: np.ndarray  # (H, N) their deviation from the mean when the mean passes each threshold [length]
-    drift: np.ndarray  # (H,) velocity of the mean at that time [length/time]
+    smooth_slide: np.ndarray  # (H, N) first time at which averaged displacements exceed each threshold [time]
+    profile: np.ndarray  # (H, N) displacements minus their mean when the mean passes each threshold [length]
+    drift: np.ndarray  # (H,) velocity of the mean displacement at that time [length/time]
     time: np.ndarray  # (S,) [time]
     center: np.ndarray  # (S, 2) centre of mass [length]
 
@@ -49,9 +49,9 @@ class Front(NamedTuple):
     delay: np.ndarray  # (N,) mean time after the start of the front [time]
     error: np.ndarray  # (N,) standard error of the mean [time]
     speed: float  # [length/time]
-    speed_error: float  # bootstrap over realisations, one standard deviation [length/time]
+    speed_error: float  # standard deviation in a bootstrap over realisations [length/time]
     free_intercept: float  # speed by regression of time on distance without fixing the start [length/time]
-    free_error: float  # same bootstrap, half of the central 68 % interval, as 1/slope has long tails [length/time]
+    free_error: float  # half the central 68 % interval in this bootstrap, as 1/slope has long tails [length/time]
     complete: int  # number of realisations in which the event happened at every disk
     counted: int  # number of realisations included in the fit
 
@@ -59,8 +59,8 @@ class Front(NamedTuple):
 def breach_times(events: np.ndarray, start: State) -> np.ndarray:
     """Return the first time at which each grain's contact with a wall reached the Coulomb limit, shape (N,).
 
-    It is the time of `start`, the state before the run, if the contact was at the limit from the beginning, and NaN
-    if it never reached the limit.
+    This is the time of `start`, the state before the run, if the contact was at the limit from the beginning, and NaN
+    if the contact never reached the limit.
     """
     n, contacts = len(start.grains.radius), start.contacts
     times = np.full(n, np.nan)
@@ -75,7 +75,7 @@ def breach_times(events: np.ndarray, start: State) -> np.ndarray:
 def crossing_times(time: np.ndarray, displacement: np.ndarray, thresholds) -> np.ndarray:
     """Return the first time at which |displacement| (T, N) exceeds each threshold, shape (H, N).
 
-    NaN if it never does.
+    The time is NaN if |displacement| never exceeds the threshold.
     """
     beyond = np.abs(displacement)[None] > np.asarray(thresholds, float)[:, None, None]
     first = np.argmax(beyond, axis=1)
@@ -109,7 +109,7 @@ def run_transition(
         *(late_halves(time[late], run.center[late]) if slides else np.full((2, 2), np.nan)),
         crossing_times(time, smooth, thresholds),
         *drift_profile(time, smooth, thresholds),
-        run.time[thin].copy(),  # copies, as views would keep the whole record
+        run.time[thin].copy(),  # copies, because views would keep the whole record in memory
         run.center[thin].copy(),
     )
 
@@ -144,12 +144,12 @@ def _run_in_pieces(leg: Leg, engine: Engine) -> _Run:
 
 
 def velocity_of(time: np.ndarray, position: np.ndarray) -> float:
-    """Slope of a line fitted to a position [length/time]."""
+    """Velocity as the slope of a line fitted to a position against time [length/time]."""
     return float(np.polyfit(time, position, 1)[0])
 
 
 def unloading(state: State, time: np.ndarray, height: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Overlap of each disk with the substrate at its time `at` (N,), over that in `state`; NaN if it has none."""
+    """Overlap (N,) of each disk with the substrate at its time `at`, over that in `state`; NaN where `at` is NaN."""
     radius, before = state.grains.radius, state.grains.position[:, 1]
     then = [np.interp(t, time, y) if np.isfinite(t) else np.nan for t, y in zip(at, height.T, strict=True)]
     return np.maximum(radius - then, 0.0) / (radius - before)
@@ -162,16 +162,16 @@ def msd_power(time: np.ndarray, msd: np.ndarray, breach: np.ndarray) -> float:
 
 
 def late_halves(time: np.ndarray, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity along the row and standard deviation of the height of the centre of mass, in both halves of a run."""
+    """Velocity along the row and standard deviation of the height of the centre of mass, in each half of a run."""
     halves = np.array_split(np.arange(len(time)), 2)
     velocity = np.array([velocity_of(time[half], center[half, 0]) for half in halves])
     return velocity, np.array([center[half, 1].std() for half in halves])
 
 
 def drift_profile(time: np.ndarray, smooth: np.ndarray, thresholds) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements (T, N) minus their mean (H, N), and the velocity of the mean (H,), when it passes each threshold.
+    """Displacements minus their mean (H, N), and velocity of the mean (H,), when the mean passes each threshold.
 
-    NaN unless the run contains the `AROUND` samples before and after that time that determine the velocity.
+    Values are NaN unless the run contains the `AROUND` samples before and after that time that determine the velocity.
     """
     mean = smooth.mean(axis=1)
     profile, drift = np.full((len(thresholds), smooth.shape[1]), np.nan), np.full(len(thresholds), np.nan)
@@ -257,12 +257,12 @@ class FreeRun(NamedTuple):
     center: np.ndarray  # (T, 2) [length]
     kinetic_energy: np.ndarray  # (T,) [energy]
     touching: np.ndarray  # (T,) number of touching contacts
-    breach: np.ndarray  # (N,) first time of each wall contact at the Coulomb limit; NaN if never [time]
+    breach: np.ndarray  # (N,) first time at which each wall contact is at the Coulomb limit; NaN if never [time]
     first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach the Coulomb limit; NaN if none
     predicted_growth: float  # ω_i of the fastest-growing mode, with drag and dashpots [1/time]
     predicted_frequency: float  # [1/time]
     growth: Growth | None
-    saturation: float  # mean of M over the last half of the run [length²]
+    saturation: float  # mean of M over the second half of the run [length²]
     slid: bool
 
 
@@ -275,7 +275,7 @@ class Trajectory(NamedTuple):
     angle: np.ndarray  # (T, N) [rad]
     first_limit: float  # first time at which any contact reached the Coulomb limit
     breach: np.ndarray  # (N,) [time]
-    slide: np.ndarray  # (N,) first time of displacement by SLID diameters [time]
+    slide: np.ndarray  # (N,) first time at which each disk has moved by SLIDING_THRESHOLD diameters [time]
 
 
 def diameter(state: State) -> float:
@@ -315,7 +315,7 @@ def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeR
     start = perturbed(point.state, scenario.seed, how.seed_velocity)
     _, record, outcome = free_run(start, law, duration=how.duration, sample=fastest_period(point) / 5, **how.options)
     if outcome.broken:
-        raise NotInEquilibriumError(f"the free run at push = {point.load:g} blew up", outcome)
+        raise NotInEquilibriumError(f"the free run at push = {point.load:g} diverged", outcome)
     rate, frequency = predicted_growth(point, law, how)
     growth = None
     if rate > 0 and frequency > 0:

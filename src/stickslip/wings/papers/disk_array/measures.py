@@ -20,13 +20,13 @@ from . import fronts
 from .fronts import FreeRun
 from .simulate import DiskArrayResult, Ensemble, make_protocol, point_at_load
 
-BLOCKS = 8  # blocks in the late half of a run for the error of its mean, each longer than the beats of modes
+BLOCKS = 8  # number of blocks in the second half of a run, for the error of mean M; longer than the beats of modes
 LATE = 4  # number of parts of a run; the mean M of the last part is compared with that of the first
 HALVES = (1e-19, 1e-15), (1e-15, 1e-11)  # halves of the window of M in which growth is fitted
 
 
 def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083) -> float | None:
-    """Return F_x at the birth of the pair that dominates (largest Im λ) at `load`, on a rising path."""
+    """Return F_x at the birth of the pair that dominates (largest Im λ) at `load`, on a path of increasing load."""
     family = dominant_family([point for point in path if point.load <= load], protocol)
     if family is None:
         return None
@@ -34,7 +34,7 @@ def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083)
 
 
 def forward_front(result: DiskArrayResult, ensemble: Ensemble) -> fronts.Front | None:
-    """Fit the front at which substrate contacts reach the Coulomb limit, running from the pushed disk along the row."""
+    """Fit the front, from the pushed disk along the row, at which substrate contacts reach the Coulomb limit."""
     order, distance = fronts.row_order(result.pressed, result.scenario.load.disk - 1)
     return fronts.fit_front(ensemble.breach, order, distance, result.scenario.seed)
 
@@ -48,9 +48,9 @@ def backward_order(result: DiskArrayResult) -> tuple[np.ndarray, np.ndarray]:
 def backward_front(
     result: DiskArrayResult, threshold: float, loads=None, *, smooth: bool = False
 ) -> fronts.Front | None:
-    """Fit the front at which sliding exceeds a threshold, backward from the last disk, from all runs at `loads`.
+    """Fit the front, backward from the last disk, at which displacements exceed a threshold, to all runs at `loads`.
 
-    With `smooth`, displacements without their oscillation are used (see `fronts.Transition`).
+    With `smooth`, displacements are averaged over their oscillations (see `fronts.Transition`).
     """
     how, name = result.scenario.sliding, "smooth_slide" if smooth else "slide"
     order, distance = backward_order(result)
@@ -72,7 +72,7 @@ class Line(NamedTuple):
 
 
 def velocity_line(result: DiskArrayResult, top: float = np.inf) -> Line | None:
-    """Fit Eq 10 by weighted least squares to mean sliding velocities up to a push `top`; None if fewer than three."""
+    """Fit Eq 10 by weighted least squares to mean sliding velocities up to a push `top`; None with fewer than three."""
     rows = []
     for load, ensemble in result.sliding.items():
         good = ensemble.velocity[np.isfinite(ensemble.velocity)]
@@ -88,12 +88,12 @@ def velocity_line(result: DiskArrayResult, top: float = np.inf) -> Line | None:
 
 
 def y_mode(modes: Spectrum) -> int:
-    """Index of the mode with the largest fraction in y."""
+    """Index of the mode with the largest fraction of motion in y."""
     return int(np.argmax(modes.shares()[:, 1]))
 
 
 def wave_power(modes: Spectrum) -> tuple[np.ndarray, np.ndarray]:
-    """Wave numbers (Q,) [1/diameter], and their fractions (Q, n) of the y motion of each mode of a row."""
+    """Wave numbers (Q,) [1/diameter] of a row, and the fraction (Q, n) of each mode's y motion at each of them."""
     y = modes.modes[modes.free.axis == 1]
     n = len(y)
     power = np.abs(np.fft.fft(y, axis=0)) ** 2
@@ -103,7 +103,7 @@ def wave_power(modes: Spectrum) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exceeds(value: float, error: float, bound: float) -> bool | None:
-    """Return True if a number exceeds a bound, None within two standard errors of it."""
+    """Return True if a number exceeds a bound, None if the difference is less than two standard errors."""
     return None if not abs(value - bound) > 2 * error else bool(value > bound)
 
 
@@ -157,7 +157,7 @@ def drift_front(result: DiskArrayResult, threshold: float, loads) -> tuple[float
 
 
 class Proportion(NamedTuple):
-    """Speed of the forward front against Im λ of the strongest pair, at loads with both."""
+    """Speed of the forward front against Im λ of the strongest pair, at loads where both are known."""
 
     load: np.ndarray  # (L,)
     im_lambda: np.ndarray  # (L,) [1/time²]
@@ -211,7 +211,7 @@ class Arrest(NamedTuple):
 
 
 def find_arrest(result: DiskArrayResult, load: float) -> Arrest:
-    """Relax the end state and further late states, an eighth of the run apart, of the free run at a load."""
+    """Relax the end state of the free run at a load, and of its continuations by an eighth of its duration each."""
     scenario, law, how = result.scenario, result.law, result.scenario.dynamics
     point, protocol = point_at_load(result.path, load), make_protocol(result.scenario, result.law)
     end, rows = perturbed(point.state, scenario.seed, how.seed_velocity), []

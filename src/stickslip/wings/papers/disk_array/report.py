@@ -51,7 +51,7 @@ def failures(result: DiskArrayResult) -> tuple[str, ...]:
 
 
 def paper_figures(reproduction: Reproduction):
-    """Yield (file name, Figure) for each figure of the paper's reproduction."""
+    """Yield (file name, Figure) for each figure of the reproduction of the paper."""
     main, quarter = reproduction.main, reproduction.quarter
     both = {"printed model, $I_0$ = 1/2": main, "hypothesis: disk–disk stiffness $k_n$/4, $I_0$ = 1": quarter}
     yield "fig2_complex_pairs.png", figures_of.complex_pairs(both, IM_LAMBDA)
@@ -64,7 +64,7 @@ def paper_figures(reproduction: Reproduction):
 
 
 def paper_numbers(reproduction: Reproduction) -> dict:
-    """Return the contents of the archive of the paper's reproduction."""
+    """Return the contents of the archive of the reproduction of the paper."""
     return {
         "main": _numbers(reproduction.main), "quarter": _numbers(reproduction.quarter),
         "arrests": {f"{arrest.load:.6f}": archive_fields(arrest) for arrest in reproduction.arrests},

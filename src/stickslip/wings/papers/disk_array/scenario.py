@@ -138,11 +138,11 @@ class DiskArrayScenario(ScenarioBase):
 
     @property
     def dim(self) -> int:
-        """Number of dimensions, 2."""
+        """Number of dimensions: two."""
         return 2
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over load steps, memory of the path with its complex modes, time steps, and runs."""
+        """Iterate over sizes: load steps, memory of the path with its complex modes, time steps, and runs."""
         load, disks, dt = self.load, self.array.disks, self.dynamics.dt
         steps = sum(abs(b - a) for a, b in pairwise(load.push)) / load.step
         yield Size("load.push takes", steps, "load steps", "use a larger load.step")

@@ -1,4 +1,4 @@
-"""Simulation of a disk array: press, push quasi-statically, compute spectra, run freely from chosen loads, slide."""
+"""Simulation of a disk array: press, push quasi-statically, compute spectra, run freely at chosen loads, and slide."""
 
 from functools import partial
 from pathlib import Path
@@ -55,21 +55,21 @@ class Ensemble(NamedTuple):
     profile: np.ndarray  # (S, H, N) [length]
     drift: np.ndarray  # (S, H) [length/time]
     time: np.ndarray  # (T,) [time]
-    center: np.ndarray  # (T, 2) of the first realisation [length]
+    center: np.ndarray  # (T, 2) centre of mass of the first realisation [length]
     failures: tuple[str, ...]
 
 
 @result_of(EXPERIMENT)
 class DiskArrayResult(NamedTuple):
-    """Results of a run of a scenario."""
+    """Results of a scenario."""
 
     scenario: DiskArrayScenario
     law: Law
     pressed: State
     pressed_spectrum: Spectrum
-    path: list[Equilibrium]  # loads in the scenario's numbers
+    path: list[Equilibrium]  # equilibria along the path, with loads in the scenario's numbers
     families: list[Family]
-    coarse_families: list[Family]  # on the same path with twice the load step, if requested
+    coarse_families: list[Family]  # pairs on the same path with twice the load step, if requested
     free_runs: dict[float, FreeRun]
     trajectory: Trajectory | None
     sliding: dict[float, Ensemble]
@@ -99,7 +99,7 @@ def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
 
 
 def _damping(scenario: DiskArrayScenario) -> dict:
-    """Options of `relax`."""
+    """Options of `relax`, from the scenario."""
     return {name: getattr(scenario.relaxation, name) for name in ("tolerance", "drag", "spin_drag", "dt", "steps")}
 
 
@@ -136,7 +136,7 @@ def run_sliding(
     points: list[Equilibrium], law: Law, scenario: DiskArrayScenario, workers: Workers, report: Report = silent, *,
     kept: Checkpoint | None = None, device: Device | None = None,
 ) -> dict[float, Ensemble]:  # fmt: skip
-    """Run the realisations of sliding at every load in parallel, with the scenario's seed + 1, 2, 3 … as seeds."""
+    """Run the realisations of sliding at every load in parallel; their seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
     options = {"velocity": dynamics.seed_velocity, "duration": how.duration, "thresholds": how.thresholds}
     for point in points:
@@ -189,8 +189,8 @@ def simulate_disk_array(
         resumes from them
     workers : number of processes for the realisations of sliding, or the address of a Dask scheduler; the result does
         not depend on it
-    device : "cuda" to run the realisations of sliding side by side on a graphics processor; they agree with those of
-        other processors until round-off has grown
+    device : "cuda" to run the realisations of sliding side by side on a graphics processor; they agree with those on
+        the CPU until round-off errors have grown
     sensitivity : also track the pairs on the same path with twice the load step, to test its influence on births
     report : called as report(stage, share done, text with the relevant quantities)
 

@@ -38,7 +38,7 @@ def predict_hold(result: GougeResult, before: float, times) -> dict:
 
 
 def predict_per_efold(result: GougeResult, before: float, times, law: str) -> float:
-    """Slope of a predicted hold against the logarithm of time, over the times used by `measures.per_efold`."""
+    """Slope of predicted friction in a hold against the logarithm of time, over the times of `measures.per_efold`."""
     time, change = predict_hold(result, before, times)[law]
     late = time >= min(measures.EARLIEST, time[-1] / 10)
     return float(np.polyfit(np.log(time[late]), change[late], 1)[0])
@@ -55,7 +55,7 @@ def reslides_after_longest(result: GougeResult, before: float):
 def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
     """Return the hold times followed by slides at one common velocity, and that velocity.
 
-    It is the velocity before the hold if there are such slides, otherwise the slowest.
+    This is the velocity before the hold if there are such slides, otherwise the slowest.
     """
     holds = [(h, w) for v, h, w in measures.reslides(result) if v == before]
     chosen = before if any(w == before for _, w in holds) else min(w for _, w in holds)
@@ -84,7 +84,7 @@ UNDEFINED = (
 
 
 def _peaks(result: GougeResult | None) -> list[Claim]:
-    """Claims about peaks after holds: their slope, the peak at V_r = V_i, the collapse, and a slope below b."""
+    """Claims about peaks after holds: their slope, the peak at V_r = V_i, their collapse, and a slope below b."""
     ratio = "peak-vs-velocity-ratio", "Fig S2: inset of panel a, slope = 0.0155", PEAK_SLOPE
     paper, where = COLLAPSE * PEAK_SLOPE, "Fig S2: panel b and inset, C ≈ 5 times the slope 0.0155"
     collapse = "Fig S2: caption, (μ − μ_ss)/(C + ln(V_r/V_i)) with C ≈ 5"
@@ -130,7 +130,7 @@ def _peaks(result: GougeResult | None) -> list[Claim]:
 
 
 def collapse_defect(x: np.ndarray, peaks: list[Number]) -> Number:
-    """Slope of peaks against x = ln(V_r/V_i), minus their value at x = 0 over C; zero if they are ∝ C + x."""
+    """Slope of peaks against x = ln(V_r/V_i), minus their value at x = 0 over C; zero if peaks are ∝ C + x."""
     return combine(peaks, lambda y: np.subtract(*np.polyfit(x, y, 1) * (1, 1 / COLLAPSE)))
 
 
@@ -153,7 +153,7 @@ def _time_step(scenario: GougeScenario) -> Claim:
 
 
 def hold_time(scenario: GougeScenario, definition: str, spring: float) -> float:
-    """Hold time [s] for t̄ = 1650 by a definition of `normalised_hold`, with a spring k [Pa/m]."""
+    """Hold time [s] for t̄ = 1650 by a definition of `normalised_hold`, with a spring of stiffness k [Pa/m]."""
     unit = normalised_hold(scenario, 1.0, BEFORE)[definition]
     return HOLD / unit * (stiffness(scenario) / spring if definition == "frozen" else 1.0)
 
@@ -196,7 +196,7 @@ def _definitions(scenario: GougeScenario) -> Claim:
 
 
 def compare_hold_laws(time: np.ndarray, friction: np.ndarray, before: float, spring: float) -> LawComparison:
-    """Compare the slip and aging laws for a hold by likelihood, with the paper's a, b and D_c and a free level.
+    """Compare the slip and aging laws for a hold by likelihood, with the paper's a, b and D_c and a fitted μ0.
 
     Only times from `measures.EARLIEST` on are used.
 
@@ -276,7 +276,7 @@ def evaluate_claims(holds: dict[str, GougeResult], more: dict[str, GougeResult])
 
 
 def _scale_note(result: GougeResult) -> str:
-    """Describe the scale of a result."""
+    """Describe the scale of a result: its samples, grains and damping."""
     chosen, first = result.scenario, result.realizations[0]
     branches = len({(t.part, t.branch) for t in first.tests if t.kind in ("hold", "step", "reslide")})
     return (
@@ -330,7 +330,7 @@ def _relaxation(main: GougeResult) -> list[Claim]:
         ),
         _statement(
             "compaction-in-holds", "Text: not in the supplement",
-            bool(loss.value > 0) if abs(loss.value) > loss.half else None,  # whether the interval contains zero
+            bool(loss.value > 0) if abs(loss.value) > loss.half else None,  # None if the interval contains zero
             f"thickness lost per e-fold of hold time: {_interval(loss)} D, {_error_note(loss)}; "
             f"{_interval(lost.at(lost.x[-1]))} D after {lost.x[-1]:g} s; {_scale_note(main)}", study=STUDY,
         ),
@@ -417,7 +417,7 @@ def _symmetry(result: GougeResult | None) -> Claim:
     sizes = [abs(n.value - seen.impedance.value * (pair[1] - pair[0])) for n, pair in (forward, back)]
     halves = float(np.hypot(forward[0].half, back[0].half))
     difference = sizes[0] - sizes[1]
-    same = abs(difference) + halves <= TOLERANCE["rate and state"] * np.mean(sizes)  # otherwise it is unknown
+    same = abs(difference) + halves <= TOLERANCE["rate and state"] * np.mean(sizes)  # otherwise equality is unknown
     alike = False if abs(difference) > halves else True if same else None
     return _statement(
         "velocity-step-symmetry", where, alike,
@@ -427,7 +427,7 @@ def _symmetry(result: GougeResult | None) -> Claim:
 
 
 def _compare_dampings(first: GougeResult, second: GougeResult) -> tuple[dict[str, tuple[Number, Number]], str]:
-    """Relaxation (at the end of the shorter hold, per e-fold) and steady friction for two dampings, and their text."""
+    """Relaxation (at the end of the shorter hold, per e-fold) and steady friction for two dampings, also as text."""
     before = measures.holds(first)[0]
     curves = [measures.hold_curve(result, before) for result in (first, second)]
     last = min(float(curve.x[-1]) for curve in curves)

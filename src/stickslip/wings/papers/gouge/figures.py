@@ -114,7 +114,7 @@ def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float 
 
 @style.styled
 def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: _Number | None, offset: float):
-    """Friction after holds for each velocity, with two standard errors; the same curves over C + ln(V_r/V_i); peaks.
+    """Friction after holds for each velocity, with two standard errors; the same over C + ln(V_r/V_i); and the peaks.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: 
     ratios : V_r/V_i
     peaks : one `Number` per ratio
     slope : `Number`, slope of peaks against the logarithm of the ratio
-    offset : C, for which the curves collapse
+    offset : C, the constant for which the curves collapse
     """
     rows = 3 if len(ratios) > 1 else 2
     figure, panels = style.column_axes(rows, 1.7 * rows + 0.4)

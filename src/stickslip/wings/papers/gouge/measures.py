@@ -48,7 +48,7 @@ def _steady_pieces(sample: Realization, velocity: float, window: float, column: 
 
 @checked
 def steady_slip(result: GougeResult, velocity: float) -> float:
-    """Smallest slip of any sample over which steady friction at a velocity is averaged [m]."""
+    """Slip over which steady friction at a velocity is averaged in a sample: the smallest of all samples [m]."""
     rows = [_steady_pieces(sample, velocity, _window(result), "friction") for sample in result.realizations]
     return velocity * result.scenario.interval * min(sum(map(len, pieces)) for pieces in rows)
 
@@ -81,7 +81,7 @@ def mean_of(result: GougeResult, velocity: float, column: str) -> Number:
 
 @checked
 def correlation_slip(result: GougeResult, velocity: float) -> float:
-    """Correlation length of friction along the slip in steady sliding, 2τ of its autocorrelation [D]."""
+    """Slip over which friction is correlated in steady sliding, 2τ with its integrated autocorrelation length τ [D]."""
     lengths = []
     for sample in result.realizations:
         pieces = _steady_pieces(sample, velocity, _window(result), "friction")
@@ -167,7 +167,7 @@ def _load_point_slip(result: GougeResult, test: Test) -> np.ndarray:
 
 @checked
 def direct_effect(curve: Curve, before: float, after: float) -> Number:
-    """Change in friction just after a step, divided by ln(V2/V1), not corrected for inertia.
+    """Change in friction just after a step, divided by ln(V2/V1), without correction for inertia.
 
     See `Response.impedance`.
     """
@@ -317,7 +317,7 @@ def reslide_curve(result: GougeResult, before: float, hold: float, after: float,
 
 @checked
 def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
-    """Average a curve over windows of its grid, truncated at its ends."""
+    """Average a curve over windows of its grid; windows are truncated at its ends."""
     width = max(1, round(window / (curve.x[1] - curve.x[0])))
     kernel = np.ones(width)
     weight = np.convolve(np.ones(len(curve.x)), kernel, "same")
@@ -328,7 +328,7 @@ def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
 def peak(curve: Curve, *, sign: float = 1.0) -> Number:
     """Largest value of the smoothed mean curve, or smallest value for sign −1.
 
-    After a hold, it marks the end of elastic reloading. Noise increases it; see `peak_bias`.
+    After a hold, this peak marks the end of elastic reloading. Noise increases the peak; see `peak_bias`.
     """
     return smoothed(curve).read(lambda mean: sign * (sign * mean).max())
 
@@ -337,8 +337,8 @@ def peak(curve: Curve, *, sign: float = 1.0) -> Number:
 def peak_bias(curve: Curve) -> float:
     """Upper bound on the bias of the peak due to noise.
 
-    It is the difference between the peak and the mean of the samples' values, each at the peak position of the other
-    samples. These values are not biased by the selection of a maximum, but lie below the true peak if the peak
+    The bound is the difference between the peak and the mean of the samples' values, each at the peak position of the
+    other samples. These values are not biased by the selection of a maximum, but lie below the true peak if the peak
     positions of the others are wrong. NaN for a single branch.
     """
     units = smoothed(curve).units

@@ -22,7 +22,7 @@ DAMPINGS = {  # keys are the names used in claims and figures
 }
 MAIN, LOW, CALIBRATED = DAMPINGS
 STIFF = 425.0  # the paper's stiffness, interpreted as k D/σ
-STEPS = (1.0, 8.0, 4.0, 1.0, 1.0)  # slips of steps at the paper's size; see `benchmarks/gouge_steps.py` [D]
+STEPS = (1.0, 8.0, 4.0, 1.0, 1.0)  # slips of velocity steps at the paper's size; see `benchmarks/gouge_steps.py` [D]
 
 
 class Reproduction(NamedTuple):
@@ -117,7 +117,7 @@ def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | 
 
 
 def stored_samples(folder: Path) -> dict[str, dict[int, Sample]]:
-    """Return the samples of the paper's size in a folder, by damping and seed; errors as in `read_samples`."""
+    """Return the samples of the paper's size in a folder, by damping and seed; raises the errors of `read_samples`."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is not a folder: give the folder of stored samples")
     stored = read_samples(folder, {name: paper_size_scenario(damping=name) for name in (MAIN, LOW)})
@@ -140,7 +140,7 @@ def reproduce(
     samples: Path | None = None, seed: int = 0, folder: Path | None = None, workers: Workers = None,
     device: str | None = None, report: Report = silent,
 ) -> Reproduction:  # fmt: skip
-    """Run the scenarios and evaluate the claims; other arguments as in `simulate_gouge`.
+    """Run the scenarios and evaluate the claims; the other arguments are those of `simulate_gouge`.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def reproduce(
     paper_size : run the scenarios of the paper's size instead
     realizations : number of samples for each of these scenarios; 8 if both this and `samples` are None
     samples : folder with samples of the paper's size. Without `realizations`, the stored samples are evaluated and
-        none are run. With it, missing samples are run and added, and all are evaluated.
+        none are run. Otherwise, missing samples are run and added, and all are evaluated.
     """
     names = [MAIN, LOW] if paper_size else [MAIN, CALIBRATED] if quick else list(DAMPINGS)
     size = {"quick": quick, "paper_size": paper_size, "realizations": realizations, "samples": samples}

@@ -1,8 +1,8 @@
 """One realisation of a gouge experiment: a trunk that slides steadily, and tests that branch off its states.
 
-The trunk is prepared, slid until friction is steady, and taken through the slides of the protocol. Steps and holds
-start from copies of its state, so that they can run in parallel. A slip is an interval, in slides through a soft
-spring, during which the upper plate runs ahead.
+The trunk is prepared, slides until friction is steady, and goes through the slides of the protocol. Steps and holds
+start from copies of its state, so that they can run in parallel. A slip is an interval during which the upper plate
+runs ahead of the load point, in a slide through a soft spring.
 """
 
 from functools import partial
@@ -34,9 +34,9 @@ class Series(NamedTuple):
     contact_friction: np.ndarray  # (T,) minus the force of the contacts on the upper plate along x, over σ A [1]
     normal: np.ndarray  # (T,) force of the contacts on the upper plate along y, over σ A [1]
     thickness: np.ndarray  # (T,) distance between the mean heights of the plates' grains [m]; growth is dilation
-    kinetic_energy: np.ndarray  # (T,) of the mobile grains, translations and rotations [J]
+    kinetic_energy: np.ndarray  # (T,) of translations and rotations of the mobile grains [J]
     temperature: np.ndarray  # (T,) granular temperature: mass-weighted mean of v_y² and v_z² of mobile grains [m²/s²]
-    coordination: np.ndarray  # (T,) mean contacts of grains other than rattlers, plate grains included [1]
+    coordination: np.ndarray  # (T,) mean number of contacts of grains, plate grains included and rattlers excluded [1]
     sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit [1]
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over contacts [1]
 
@@ -76,7 +76,7 @@ class Trunk(NamedTuple):
 
     tests: tuple[Test, ...]
     branches: tuple[Branch, ...]
-    states: dict[str, State]  # settled, steady, end
+    states: dict[str, State]  # states "settled", "steady" and "end"
     ledger: dict[str, np.ndarray]  # see `Realization`
 
 
@@ -86,7 +86,7 @@ class Realization(NamedTuple):
     seed: int
     range: Range
     tests: tuple[Test, ...]  # tests of the trunk, then of the branches
-    states: dict[str, State]  # settled, steady, end
+    states: dict[str, State]  # states "settled", "steady" and "end"
     ledger: dict[str, np.ndarray]  # energies after the protocol, columns of `Ledger`; empty if not requested
 
     def of(self, *kinds: str) -> list[Test]:
@@ -179,7 +179,7 @@ def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) ->
 
 
 def _run_until_steady(legs: "_LegRunner", place, velocity: float, least: float, longest: float):
-    """Return place, series and elastic energy once sliding is steady, or None; slips are in D."""
+    """Return place, series and elastic energy once sliding is steady, or None if it never is; slips are in D."""
     chosen, size = legs.scenario.preparation, legs.scenario.grains.mean
     parts, slid, wanted = [], 0.0, max(least, 2 * chosen.window)
     while slid < longest:
@@ -367,11 +367,11 @@ def _mean_overlap(state: State) -> float:
     return float(overlaps(state)[rows].mean()) if len(rows) else 0.0
 
 
-JOINED = 0.01  # displacement of the load point within which rebounds after a slip belong to it [D]
+JOINED = 0.01  # displacement of the load point within which rebounds after a slip belong to this slip [D]
 
 
 class Slips(NamedTuple):
-    """Slips in slides at constant velocity of the load point, K rows.
+    """K slips in slides at constant velocity of the load point.
 
     A slip begins with the first sample at which the plate moves faster than `threshold` times the load point, and ends
     with the first sample at which it is no longer faster than the load point. Rebounds that begin before the load point
@@ -380,7 +380,7 @@ class Slips(NamedTuple):
 
     realization: np.ndarray  # (K,) seed
     load_velocity: np.ndarray  # (K,) velocity of the load point [m/s]
-    time: np.ndarray  # (K,) of the last sample before the slip, from the start of sliding [s]
+    time: np.ndarray  # (K,) time of the last sample before the slip, from the start of sliding [s]
     load_point: np.ndarray  # (K,) displacement of the load point at that time [m]
     duration: np.ndarray  # (K,) [s]
     slip: np.ndarray  # (K,) displacement of the plate [m]

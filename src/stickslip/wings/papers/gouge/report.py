@@ -194,7 +194,7 @@ def _labels(names, units: dict[str, str]) -> list[str]:
 
 
 def _write_curves(reproduction, path: Path) -> None:
-    """Write mean curves of a reproduction, one row per point, with standard error, and deviation over branches."""
+    """Write mean curves of a reproduction, one row per point, with standard error and deviation over branches."""
     names = "run", "kind", "before [m/s]", "hold [s]", "after [m/s]", "x", "unit of x", "mean", "error", "deviation"
     rows = (
         (run.replace(",", ";"), kind, *where, x, unit, *numbers)

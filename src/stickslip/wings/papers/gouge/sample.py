@@ -17,7 +17,7 @@ from ....measure import contact_forces, elastic_energy, inertial_number, stable_
 from ....packings import without_walls
 from .scenario import GougeScenario
 
-# limits of the quasi-static range of hard grains in a layer not dominated by its plates
+# limits of the range in which shear is quasi-static, grains are hard, and plates do not dominate the layer
 INERTIAL, STIFFNESS, OVERLAP, LAYER = 1e-3, 100.0, 0.02, 8.0
 LONG = 0.4  # fraction of the largest stable time step above which errors at the stiffest contacts exceed one per cent
 
@@ -30,7 +30,7 @@ def stiffness(scenario: GougeScenario, value: float | None = None, definition: s
 
     Examples
     --------
-    The 425 of Ferdowsi & Rubin 2021 as `rate_state`, in units of σ/D:
+    The stiffness of 425 in Ferdowsi & Rubin 2021, read as `rate_state`, in units of σ/D:
 
     >>> import stickslip as ss
     >>> slide = {"kind": "slide", "velocity": 0.1, "slip": 1.0}
@@ -136,13 +136,13 @@ def make_range(scenario: GougeScenario, velocity: float, thickness: float, overl
 
 
 SPACING = 1.05  # spacing of the lattice on which grains are placed, in units of the largest diameter
-CHUNK = 500  # steps between checks of a settling sample
+CHUNK = 500  # number of steps between checks of a settling sample
 MAX_KINETIC_RATIO = 1e-3  # largest ratio of kinetic to elastic energy at rest
 BOTTOM, TOP = 0, 1  # indices of the rigid groups
 
 
 class Gouge(NamedTuple):
-    """Gouge sample."""
+    """Sample of gouge between two rough plates."""
 
     state: State  # rigid groups BOTTOM and TOP, the latter pressed along y
     law: Law
@@ -177,7 +177,7 @@ def gouge_law(scenario: GougeScenario, mu: float) -> Law:
 
 
 def damping(scenario: GougeScenario) -> float:
-    """Damping γ_n of a scenario, stated or from its restitution [1/(m s)]."""
+    """Damping γ_n of a scenario, stated or computed from its restitution [1/(m s)]."""
     return float(gouge_law(scenario, 0.0).table[0, 0, builtin.DAMPING_N])
 
 
@@ -266,7 +266,7 @@ def _approach(scenario: GougeScenario, state: State, law: Law, report: Report) -
 
 
 def _advance(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
-    state = state._replace(instant=None)  # keeps the sample of each seed as in earlier results
+    state = state._replace(instant=None)  # so that each seed gives the same sample as in earlier results
     try:
         state, _, outcome = run(state, law, steps, scenario.dt, drag=drag, threads=1)
     except ValueError as problem:
@@ -303,7 +303,7 @@ def _settle(scenario: GougeScenario, state: State, law: Law, stage: str, report:
 
 
 def _glue_plates(scenario: GougeScenario, state: State) -> State:
-    """Replace the walls with plates of the lowest and highest grains; contacts have no slip.
+    """Replace the walls with plates of the lowest and highest grains; contacts then have no slip.
 
     Glued grains shrink until they no longer touch each other.
     """
@@ -327,7 +327,7 @@ def _glue_plates(scenario: GougeScenario, state: State) -> State:
 
 
 def _shrink_apart(state: State, members: np.ndarray) -> Grains:
-    """Shrink the members until no two of them touch."""
+    """Shrink the grains with indices `members` until no two of them touch."""
     grains, size = state.grains, np.diag(state.cell.vectors)
     x, radius = grains.position[members], grains.radius.copy()
     r = x[:, None] - x[None]

@@ -34,7 +34,7 @@ Number = Annotated[int, Field(ge=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
 MOST = LIMITS["grains"]
 LEAST = 8  # minimum number of samples of a leg, for a mean with an error
-FASTEST = 1e7  # grain-steps per second and process, for a cost estimate before the start
+FASTEST = 1e7  # number of grain-steps per second and process, for a cost estimate before the start
 
 
 class GougeGrains(ScenarioTable):
@@ -69,7 +69,7 @@ class GougeGrains(ScenarioTable):
     gamma_twist=None, si=True,
 )  # fmt: skip
 class GougeLaw(LawTable):
-    """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of Ferdowsi & Rubin 2021, with its defaults.
+    """Hertz–Mindlin law with √(δ R_eff) and sharp Coulomb friction, with Eqs 1–2 and defaults of Ferdowsi & Rubin 2021.
 
     The normal dashpot is set either by `damping_n`, or by a `restitution` with the `reading` that converts it to γ_n
     and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
@@ -344,7 +344,7 @@ class GougeScenario(ScenarioBase):
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realisation")
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over grains, branches, memory of their states, and samples."""
+        """Iterate over sizes: grains, branches, memory of their states, and samples."""
         yield Size(
             "cell.length and cell.width make plates of",
             self.plate_grains,
@@ -399,7 +399,7 @@ class GougeScenario(ScenarioBase):
         least = max(chosen.slip, 2 * chosen.window)
         if chosen.steady and chosen.longest < least:
             raise ValueError(
-                f"preparation.longest must be at least slip and two windows, {least:g}, got {chosen.longest:g}"
+                f"preparation.longest must be at least slip plus two windows, {least:g}, got {chosen.longest:g}"
             )
         name = "preparation.window" if chosen.steady else "preparation.slip"
         legs = {name: (chosen.window if chosen.steady else chosen.slip) * size / chosen.velocity}
@@ -410,7 +410,7 @@ class GougeScenario(ScenarioBase):
                 marks = [round(hold / self.interval) for hold in sorted(part.holds)]
                 if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
                     raise ValueError(
-                        f"{name}: holds must last at least two samples and differ by at least one, "
+                        f"{name}: holds must last at least two samples and differ by at least one sample, "
                         f"{self.interval:.2g} s, and the longest must last at least {LEAST} samples, got "
                         f"{list(part.holds)}: lower sample_every"
                     )

@@ -323,7 +323,7 @@ def simulate_gouge(
         check_folder(samples)
     if device and scenario.engine != "stickslip":
         raise ValueError(
-            f'device = "{device}" does not apply to engine = "{scenario.engine}", which runs elsewhere: give one'
+            f'device = "{device}" does not apply to engine = "{scenario.engine}", which runs elsewhere: give only one'
         )
     law = gouge_law(scenario, scenario.law.mu)
     where = open_device(device, law) if device else find_engine(scenario, folder) and None
@@ -354,7 +354,7 @@ class _Ensemble(NamedTuple):
     """Runs unfinished realisations: all trunks in parallel, then all branches of the trunks."""
 
     scenario: GougeScenario
-    alone: list[GougeScenario]  # scenario of each realisation alone
+    alone: list[GougeScenario]  # scenarios of single realisations
     kept: Checkpoint | None
     folder: Path | None
     samples: Path | None
@@ -411,7 +411,7 @@ class _Ensemble(NamedTuple):
 
 
 def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
-    """Return the engine named in a scenario; in a folder written for a queue, it reads legs."""
+    """Return the engine named in a scenario or, for a folder written for a queue, the engine that reads its legs."""
     if scenario.engine == "stickslip":
         return own_engine(threads=1)
     return queued_engine(folder) if folder and (folder / LEGS / TABLE).is_file() else lammps_engine(scenario.ranks)

@@ -42,7 +42,7 @@ class Number(NamedTuple):
 
     @property
     def estimate(self) -> Estimate:
-        """Value with its half-width."""
+        """Value with the half-width of its 95 % interval."""
         return Estimate(self.value, self.half, self.error)
 
 
@@ -115,7 +115,7 @@ def _with_bootstrap_error(number: Number, wider: float = 1.0) -> Number:
 
 
 def intraclass_correlation(groups: list[list[float]]) -> float:
-    """Intraclass correlation between two values of a group, by analysis of variance; NaN without groups of two.
+    """Intraclass correlation between two values of a group, by analysis of variance; NaN if all groups are single.
 
     Source: R. A. Fisher, Statistical Methods for Research Workers (1925), §40.
     """

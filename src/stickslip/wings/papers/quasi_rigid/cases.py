@@ -1,10 +1,11 @@
 """Cases for McNamara & Herrmann 2006: constructed statuses, growing motion of one disk, and sliding contacts.
 
 Constructed cases are based on states of real packings, with randomly drawn critical contacts or with contacts at the
-apex of the friction cone. One disk moves through a mechanism, and through an instability, with a growth that can be
-predicted. Sliding contacts of packings are examined for status, stability, contribution to Q, and vibrations.
+apex of the Coulomb cone. In two further cases, one disk moves through a mechanism or an instability, and the growth of
+its velocity is predicted. Sliding contacts of packings are examined for status, stability, contribution to Q, and
+vibrations.
 
-Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. III D and E, V A.
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. III D, III E and V A.
 """
 
 from collections.abc import Callable
@@ -63,21 +64,21 @@ def _random_system(main: QuasiResult, rng, number: int) -> LinearSystem:
 
 
 class ApexCases(NamedTuple):
-    """Counts of cases with contacts of real packings placed at the apex of the cone."""
+    """Counts of cases in which contacts of real packings are placed at the apex of the Coulomb cone."""
 
     total: int
     coherent: int  # number of cases in which det k has the same sign for all choices of statuses
     wrong: int  # number of coherent cases without exactly one consistent choice
     several: int  # number of other cases with two or more consistent choices
     none: int  # number of other cases without a consistent choice
-    example: tuple[str, ...]  # statuses that are simultaneously consistent, without stability
+    example: tuple[str, ...]  # statuses that are all consistent with one load, without stability
 
 
 def counterexample(directions: int = 720) -> tuple[str, ...]:
     """Return the largest set of statuses that are simultaneously consistent for one contact in unstable surroundings.
 
-    Their stiffness is K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ = 0.9; the load takes all
-    directions.
+    The stiffness of these surroundings is K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ =
+    0.9; the load is rotated through all directions.
     """
     springs = np.diag([1.0, 0.5])
     compliance = np.linalg.inv(np.array([[1.0, 0.3], [0.3, 0.1]]) + springs)
@@ -193,13 +194,13 @@ def through_instability() -> Growth:
     return follow_motion(*disk_in_groove(), PUSH * OVERLAP * np.array([0.0, 1.0]), 30.0)
 
 
-SOLVED = 6  # largest number of critical contacts for the eigenvalues of all statuses
+SOLVED = 6  # largest number of critical contacts for which eigenvalues of all statuses are computed
 SLACK = 1e-9  # largest relative difference between two equally stable statuses
 KICK = 1e-2  # random velocities, in overlaps per contact time
 TIME, LOOKS, DRAG = 200.0, 200, 0.02  # duration of vibrations, number of checks of the statuses, drag of slow dynamics
 BURST = 10.0  # kinetic energy, over that of the kick, above which a motion counts as a collapse
 PRESSURES = (1e-5, 1e-4, 1e-3)
-SMALL = 30  # number of disks of the packings at several pressures
+SMALL = 30  # number of disks in packings that are prepared at several pressures
 
 
 class SlidingState(NamedTuple):
@@ -209,8 +210,8 @@ class SlidingState(NamedTuple):
     slide: int  # number of critical contacts that slide under the load
     reverse: int  # number of critical contacts that slide under the reverse load
     least_eigenvalue: bool | None  # True if no status has a smaller eigenvalue of sym k than the one in which all slide
-    least_determinant: bool | None  # likewise for det k
-    shares: np.ndarray  # contribution of each sliding contact to Q(v), over Q, for v under the load
+    least_determinant: bool | None  # True if no status has a smaller det k than the one in which all slide
+    shares: np.ndarray  # contribution of each sliding contact to Q(v), over Q, for the velocity v under the load
 
 
 def sliding_state(state: State, law: Law, load: np.ndarray) -> SlidingState | None:
@@ -261,7 +262,7 @@ def least_eigenvalue(m: LinearSystem) -> bool | None:
 
 
 def least_determinant(m: LinearSystem, load: np.ndarray) -> bool | None:
-    """Return True if the status with all critical contacts sliding has the smallest det k(S); None beyond `MAPPED`."""
+    """Return True if the status with all critical contacts sliding has the smallest det k(S); None above `MAPPED`."""
     if m.limit.sum() > MAPPED:
         return None
     a = complementarity(m, load).matrix
@@ -275,7 +276,7 @@ class Vibration(NamedTuple):
 
     critical: int
     kicked: float  # switches per contact between sliding and sticking
-    still: float  # the same without a kick
+    still: float  # switches per contact without a kick
     energy: float  # largest kinetic energy after the kick, over that of the kick
 
 

@@ -1,6 +1,6 @@
 """Reproduction of McNamara & Herrmann 2006, Quasi-rigidity: some uniqueness issues.
 
-The paper contains proofs and prints no numbers; its statements are therefore tested. Its biaxial test is run with the
+The paper contains proofs and prints no numbers; its statements are therefore tested. The biaxial test is run with the
 linear law, K_t = K_n/2 and μ = 1/2 at P/K_n = 1e-4. Units are K_n = 1, a mean diameter of 1, and a disk density of 4/π.
 """
 
@@ -49,15 +49,15 @@ from .simulate import QuasiResult, SampleResult, simulate_quasi, table_one
 LOOKS = 8  # number of states of each path before its last tenth
 EXPONENT = 0.02  # tolerance of the exponent: t and t^1.02 differ by 10 % over two decades
 SLOPE = 0.25  # tolerance: half the distance to the next half-integer order
-RATE = 0.02  # as EXPONENT
-LINEARISED = 1e-5  # relative error of Table I, ten times the motion over the overlap
+RATE = 0.02  # tolerance of a rate, the same as that of the exponent
+LINEARISED = 1e-5  # tolerated relative error in Table I: ten times the ratio of motion to overlap
 BALANCED = 1e-6  # largest unbalanced fraction of a load; round-off of k is 1e-10
 HUNDREDS, DISKS = 100, 1600
 MOTION = 1e-10  # random motion of `table_one` for one disk, a millionth of its overlap
 
 
 def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
-    """Evaluate the statements; a quick run omits other pressures and the packing of 1600 disks."""
+    """Evaluate the claims about motion; a quick run omits other pressures and the packing of 1600 disks."""
     pairs = [(sample, state) for sample in main.tested for state in _sliding_states(sample)]
     loads = [_lid_load(main, state, sample) for sample, state in pairs]
     linearised = max(table_one(*disk_in_groove(make=hertz_mindlin), size=MOTION).values())
@@ -229,7 +229,7 @@ def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
 
 
 CASES = 500
-RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, the size of neglected terms
+RELATIONS = 1e-5  # tolerated relative error in Table I: a hundred times 1e-7, the step and size of neglected terms
 COLLAPSE = 0.02  # tolerance: two increments of the slow load, the resolution of the collapse load
 YIELD = '"when the assumption of stability for all possible states is violated, we expect the packing to yield"'
 SHOWS = {
@@ -247,7 +247,7 @@ SHOWS = {
 def evaluate_claims(main: QuasiResult, *, cases: int = CASES, quick: bool = False) -> list[Claim]:
     """Evaluate all claims; values are medians over samples, and the notes give ranges."""
     drawn, opened, errors = status_cases(main, cases), apex_cases(main, cases), []
-    for sample in main.tested:  # at the state with most sliding contacts before the last tenth of the path
+    for sample in main.tested:  # at the state with the most sliding contacts before the last tenth of the path
         early = [p for p in sample.path.points if p.load <= 0.9 * sample.path.points[-1].load]
         errors.append(table_one(max(early, key=lambda p: p.sliding).state, sample.law))
     worst = {name: max(e[name] for e in errors) for name in errors[0]}
@@ -427,10 +427,7 @@ def _premise(main: QuasiResult) -> Claim:
 
 
 def _unique_without_premise(sample: SampleResult) -> np.ndarray:
-    """Points at which Q ≤ 0 for some v, the status is unique for any load, and the path continues.
-
-    Shape (L,).
-    """
+    """Mask (L,) of points at which Q ≤ 0 for some v, the status is unique for any load, and the path continues."""
     looks = sample.looks
     return (looks.symmetric < 0) & (looks.unique == 1) & (looks.load < looks.load[-1])
 
@@ -491,7 +488,7 @@ QUICK_CASES = 60
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
-    """Return the biaxial test: the force on the lid grows, at most fourfold, until stability is lost."""
+    """Return the scenario of the biaxial test: the lid force grows, at most fourfold, until stability is lost."""
     loading = {"test": "biaxial", "factor": 4.0, "increment": 2e-3 if quick else 1e-3, "unload": True}
     if quick:
         return validate_scenario(
@@ -505,7 +502,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
 
 
 def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
-    """Run the paper's scenario and evaluate its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
+    """Run the paper's scenario with the arguments of `simulate_quasi`, and evaluate its claims."""
     main = simulate_quasi(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     report("constructed cases", 0.0, "statuses and the apex")
     claims = evaluate_claims(main, cases=QUICK_CASES if quick else CASES, quick=quick)

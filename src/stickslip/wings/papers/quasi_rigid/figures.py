@@ -1,4 +1,4 @@
-"""Figures of quasi-rigid loading (McNamara & Herrmann 2006): curves, forces in the Coulomb cone, stiffness, errors."""
+"""Figures of quasi-rigid loading (McNamara & Herrmann 2006): curves, contact forces, stiffness and errors."""
 
 from itertools import cycle
 from typing import Annotated, Any
@@ -29,7 +29,7 @@ _KIND = "sample of a QuasiResult"
 _WithCurve = Annotated[Any, Result(_KIND, ("curve", "path", "slow", "back"))]
 SHOWN = 6  # number of contacts shown in the cone
 GREY = "#bbbbbb"
-ENDS = {True: "x", False: "o"}  # marks of path ends, True where stability is lost
+ENDS = {True: "x", False: "o"}  # markers of path ends: True if stability is lost there
 ENDS_WORDS = {True: "stability is lost", False: "ends for another reason"}
 COLORS = (
     style.BLUE,
@@ -116,7 +116,7 @@ def force_on(state: State, body: int) -> np.ndarray:
 
 @style.styled
 def cone(one: Annotated[Any, Result(_KIND, ("forces",))], mu: float):
-    """Contact forces along the path in the Coulomb cone, for contacts that move farthest across it (Fig 3)."""
+    """Contact forces along the path in the Coulomb cone, for the contacts that move farthest across it (Fig 3)."""
     figure, axes = style.column_axes(1, 3.0)
     force = one.forces / one.forces[0, :, 0].mean()
     mobilised = np.abs(force[..., 1]) / (mu * np.maximum(force[..., 0], 1e-12))

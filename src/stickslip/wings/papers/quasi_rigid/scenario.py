@@ -81,7 +81,7 @@ class Slow(ScenarioTable):
 
 
 class QuasiScenario(ScenarioBase):
-    """Complete definition of a quasi-rigid loading and of the slow dynamics compared with it."""
+    """Complete definition of quasi-rigid loading and of the slow dynamics compared with it."""
 
     experiment: Literal["quasi-rigid"] = "quasi-rigid"
     seed: Seed = 0
@@ -97,7 +97,7 @@ class QuasiScenario(ScenarioBase):
         return 2
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over load increments, and memory of the states along a path."""
+        """Iterate over sizes: load increments, and memory of the states along a path."""
         steps = 1 / self.loading.increment
         yield Size("loading.increment makes", steps, "load steps", "use a larger increment")
         memory = STATE * self.disks.number * steps
@@ -106,7 +106,7 @@ class QuasiScenario(ScenarioBase):
     @model_validator(mode="after")
     def _check_loading(self):
         if self.loading.collapses and not self.dynamics.drag:
-            raise ValueError("loading.collapses = true requires dynamics.drag > 0, as a collapse comes to rest by drag")
+            raise ValueError("loading.collapses = true requires dynamics.drag > 0, as drag brings a collapse to rest")
         if self.loading.strain and not self.loading.machine:
             raise ValueError(
                 f"loading.strain = {self.loading.strain:g} requires loading.machine, the stiffness of the machine "

@@ -43,7 +43,7 @@ from .scenario import QuasiScenario
 
 MAX_POINTS = 60  # largest number of points of a path at which eigenvalues are computed
 MAX_ENUMERATED = 10  # largest number of critical contacts for enumeration of all statuses
-PAIR = 1e-9  # imaginary part over the largest eigenvalue above which eigenvalues count as a complex pair
+PAIR = 1e-9  # ratio of the imaginary part to the largest eigenvalue above which two eigenvalues count as a pair
 # size of the random motion of `table_one`: at most CLOSED times the smallest overlap, but at least LEAST, 1e-6 of
 # which is round-off
 CLOSED, LEAST = 0.1, 1e-10
@@ -53,7 +53,7 @@ BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse_load`
 
 
 class Curve(NamedTuple):
-    """Stress-strain curve of T points, as usual in engineering."""
+    """Stress-strain curve of T points, in quantities that are usual in engineering."""
 
     load: np.ndarray  # (T,) fraction of the load
     strain: np.ndarray  # (T,) strain in the loaded direction, compression positive; or shear strain [1]
@@ -94,7 +94,7 @@ class SampleResult(NamedTuple):
     back: Curve | None  # unloading, if requested
     looks: PathStiffness
     slow: tuple[SlowDynamics, ...]
-    collapse: float | None  # load at which dynamics lost stability; None if it did not, or with too few runs
+    collapse: float | None  # load at which dynamics lost stability; None if it did not, or if runs are too few
     forces: np.ndarray  # (T, C, 2) F_n and F_t of contacts that last throughout the path [force]
     pairs: np.ndarray  # (C, 2) bodies of these contacts
 
@@ -292,7 +292,7 @@ def force_components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
 
 
 def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict[str, float]:
-    """Relative errors of the four linear relations of Table I, with forces of the engine.
+    """Relative errors of the four linear relations of Table I, compared with forces of the engine.
 
     The engine's contact forces, resultants and velocities before and after a small random motion of all bodies, which
     opens no contact, are compared with predictions from c, K, S and cᵀ.

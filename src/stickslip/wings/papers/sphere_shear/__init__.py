@@ -1,4 +1,4 @@
-"""Bonfanti et al. 2020: quasi-static shear of packings, growth of oscillatory instability, and failure."""
+"""Bonfanti et al. 2020: quasi-static shear of packings, growth of an oscillatory instability, and failure."""
 
 from functools import partial
 

@@ -1,10 +1,10 @@
 """Reproduction of Bonfanti et al. 2020: oscillatory instabilities of sheared packings of spheres.
 
-Bonfanti, Chattoraj, Guerra, Procaccia, Zapperi, doi:10.1103/PhysRevE.101.052902. Units are 2σ_1 = m = k_n = 1; I0 =
-0.4, k_t = 2/7, μ = 10, smooth Coulomb. The paper does not state the packing fraction; here it is 0.68 for every
-packing.
+Bonfanti, Chattoraj, Guerra, Procaccia, Zapperi, doi:10.1103/PhysRevE.101.052902. Units are 2σ_1 = m = k_n = 1. The law
+is smooth Coulomb with k_t = 2/7 and μ = 10; I0 = 0.4. The paper does not state the packing fraction; here it is 0.68
+for every packing.
 
-Values of claims are medians over packings; notes give ranges. Statements on the contact law are evaluated with a stored
+Values of claims are medians over packings; notes give ranges. Claims about the contact law are evaluated with a stored
 study of packings under several laws.
 """
 
@@ -40,19 +40,19 @@ from .scenario import ShearScenario
 from .simulate import ShearPath, ShearResult, simulate_shear
 
 TOLERANCE = {
-    "onset": 1.0,  # not printed, with an unstated packing fraction: a factor of two
+    "onset": 1.0,  # not printed, and the packing fraction is not stated: a factor of two
     "exponent": 0.05,  # the next term of the expansion is of the order of the distance to the birth, a few per cent
     "pairs": 0.0,  # counts
     "rate": 1e-3,  # linear theory with Verlet's correction is exact; the ends of the fit window are not
-    "frequency": 1e-4,  # the phase is known to a fraction of a turn over some thousand turns
+    "frequency": 1e-4,  # the phase is known to a fraction of a turn over the many turns of the fit window
     "decades": 0.2,  # the paper prints "about 10": two more or less
     "constant": 1.0,  # not printed; M grows by a factor of two between two evaluations of the spectrum
-    "drop": 1.0,  # one run of one packing: a factor of two either way
+    "drop": 1.0,  # from one run of one packing; a factor of two either way
     "contacts": 1.0,  # not printed
     "im-lambda": 1.0,  # one state, chosen by the authors among those with a single pair: a factor of two
     "later": 1.0,  # not printed
     "drag": np.sqrt(10) - 1,  # "of the order of": the nearest power of ten
-    "stress": 0.1,  # a tenth of the exponent: M oscillates by a factor of two or so about its exponential
+    "stress": 0.1,  # a tenth of the exponent: M oscillates around its exponential by a factor of about two
 }
 
 
@@ -61,7 +61,7 @@ def _finite(values) -> list[float]:
 
 
 def known_median(values) -> float | None:
-    """Median of the known values; None without any."""
+    """Median of the known values; None if there are none."""
     finite = _finite(values)
     return float(np.median(finite)) if finite else None
 
@@ -86,11 +86,11 @@ PARTS = 10  # number of parts of the fit window, in each of which the stress amp
 
 
 def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second and third singular values of each grain's displacements in a turn, over the first one, (L, H) each.
+    """Ratios (L, H) of the second and third singular values of each grain's displacements in a turn to the first.
 
-    The second ratio is 0 for motion on a line, the third for motion in a plane. The motion of a single pair is Re(c
-    e^{iωt}) with a complex vector c for each grain, so a grain moves in the plane of Re c and Im c through its
-    position at rest.
+    The ratio of the second is 0 for motion on a line, that of the third for motion in a plane. The motion of a single
+    pair is Re(c e^{iωt}) with a complex vector c for each grain, so a grain moves in the plane of Re c and Im c through
+    its position at rest.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Oscillation(NamedTuple):
     """Change δσ of the shear stress in the fit window of M."""
 
     offset: float  # mean of δσ e^{−ω_i t} over its root mean square; 0 for an oscillation around zero
-    exponent: float  # exponent of the amplitude of δσ against M; 1/2 if stress is linear in the displacements
+    exponent: float  # exponent of the amplitude of δσ as a function of M; 1/2 if stress is linear in displacements
 
 
 def stress_oscillation(run: Released) -> Oscillation | None:
@@ -151,14 +151,14 @@ STUDY = "stored study of examples/pairs_by_law.toml"
 
 
 class Births(NamedTuple):
-    """First pairs of sheared packings under one law."""
+    """Counts of first pairs in sheared packings under one law."""
 
     kind: str
     coulomb: str
     mu: float
     packings: int
     born: int  # packings with a pair
-    limited: int  # births at which a contact is at the Coulomb limit
+    limited: int  # births at which at least one contact is at the Coulomb limit
     mobilisation: float  # median over births of the largest |F_t|/(μ F_n)
 
     def __str__(self) -> str:
@@ -216,7 +216,7 @@ def law_claims() -> list[Claim]:
 
 
 def share_interval(count: int, total: int) -> tuple[float, float]:
-    """95 % interval of a fraction.
+    """95 % interval of the fraction `count`/`total`.
 
     Source
     ------
@@ -233,7 +233,7 @@ def _mostly(count: int, total: int) -> bool | None:
 
 
 MANY = 10  # number of pairs that counts as many: ten times the number at the onset
-PLANE = 0.01  # ratio of third to first singular value below which a trajectory is plane: thinner than a line in a plot
+PLANE = 0.01  # ratio of third to first singular value below which a trajectory is planar: thinner than a line in a plot
 CENTRED = 0.1  # ratio of mean to amplitude below which stress oscillates around zero: invisible in a plot
 SYMMETRIC = 1e-12  # relative difference of equal blocks: round-off, with a margin for sums over contacts
 
@@ -322,7 +322,7 @@ def motion_claims(main: ShearResult) -> list[Claim]:
 
 DRAG = 2.2e-2  # η_0 of the paper [1/time]
 DIAMETER = 1.0  # 2σ_1, the unit of length
-LEVEL = 0.05  # level of the test of isotropy
+LEVEL = 0.05  # significance level of the test of isotropy
 
 
 def protocol_claims(main: ShearResult) -> list[Claim]:
@@ -359,7 +359,7 @@ def protocol_claims(main: ShearResult) -> list[Claim]:
 
 
 def sound_time(path: ShearPath) -> float:
-    """Time d √(ρ/G) in which transverse sound travels a diameter 2σ_1, with G from the first strain step."""
+    """Time d √(ρ/G) in which a shear wave travels one diameter d = 2σ_1, with G from the first strain step."""
     modulus = (path.shear_stress[1] - path.shear_stress[0]) / (path.strain[1] - path.strain[0])
     density = path.last.grains.mass.sum() / volume(path.last)
     return float(DIAMETER * np.sqrt(density / modulus)) if modulus > 0 else np.nan
@@ -373,10 +373,10 @@ def damping_shares(eigenvalues: np.ndarray) -> tuple[float, float]:
 
 
 def isotropy_statistic(state: State) -> float:
-    """Sum of squares with a χ² distribution for many independent, isotropic normals.
+    """Statistic of the fabric tensor that has a χ² distribution for many independent, isotropic normals.
 
-    With the deviator D of the fabric tensor of n contacts, it is n d (d + 2)/2 |D|². In d dimensions, it has d (d +
-    1)/2 − 1 degrees of freedom, and components of D have the variance 2/(n d (d + 2)).
+    For n contacts in d dimensions, it is n d (d + 2)/2 |D|², where D is the deviator of the fabric tensor. It has d (d
+    + 1)/2 − 1 degrees of freedom, and components of D have the variance 2/(n d (d + 2)).
     """
     dim = state.cell.dim
     deviator = fabric(state)[:dim, :dim] - np.eye(dim) / dim
@@ -455,11 +455,11 @@ class Stretch(NamedTuple):
 
 
 def exponential_stretch(run: Released) -> Stretch | None:
-    """Find the part of a run in which M follows exp(2 ω_i t) with predicted ω_i.
+    """Find the part of a run in which M follows exp(2 ω_i t) with the predicted ω_i.
 
-    In this part, the running maximum of M lies within a factor of two of the line that meets it in the fit window.
-    Before it, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross the fit
-    window.
+    In this part, the running maximum of M lies within a factor of two of this exponential, which is matched to M in the
+    fit window. Before it, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross
+    the fit window.
     """
     if run.growth is None:
         return None
@@ -585,7 +585,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
 
 
 def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
-    """Run the paper's scenario and evaluate its claims; arguments as in `simulate_shear`. Returns a Reproduction."""
+    """Run the paper's scenario with the arguments of `simulate_shear`, and evaluate its claims."""
     main = simulate_shear(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     claims = evaluate_claims(main)
     return Reproduction(main, note_quick_run(claims) if quick else claims)

@@ -10,7 +10,7 @@ from ....kit import Requirement, Result, pluralize, require_filled, style
 
 IM = (r"$\mathrm{Im}\,\lambda$", r"$k_n\sqrt{2\sigma_1}/m$")  # quantity and unit
 M = ("$M$", "diameters²")
-FINE = 8  # points drawn from one stored point of a path to the next
+FINE = 8  # number of points drawn from one stored point of a path to the next
 
 _KIND = "run of a ShearResult"
 _Path = Annotated[Any, Result("ShearPath", ("pairs", "strain", "onset", "largest"))]
@@ -109,7 +109,7 @@ def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequ
         return figure
     size = np.abs(run.turns).max(axis=(0, 1, 3))
     path = _smooth(run.turns)
-    gap = np.full((len(path), 1, len(size), 3), np.nan)  # between turns
+    gap = np.full((len(path), 1, len(size), 3), np.nan)  # breaks the lines between turns
     joined = np.concatenate([path, gap], axis=1).reshape(-1, len(size), 3)
     most = np.argsort(-size)[:grains]
     above = figure.add_subplot(2, 1, 1, **({"projection": "3d"} if dim == 3 else {"aspect": "equal"}))
@@ -138,7 +138,7 @@ def _smooth(turns: np.ndarray) -> np.ndarray:
 
 
 def _label_space(axes, labels, dim: int) -> None:
-    """Label axes, close to the ticks in three dimensions."""
+    """Label axes; in three dimensions, labels are close to the ticks."""
     style.label_axes(axes, **dict(zip("xyz", labels, strict=False)))
     if dim == 3:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
@@ -180,7 +180,7 @@ def _plot_stress_and_contacts(axes, run) -> None:
 
 @style.styled
 def births_by_law(laws: list, packings: list):
-    """Fraction of packings that have had a pair, against strain, one line per law.
+    """Fraction of packings that have had a pair, against strain, with one line per law.
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ class Shear(ScenarioTable):
     def _check_path(self):
         if self.on_instability == "follow-dynamics" and self.drag is None:
             raise ValueError(
-                "shear.on_instability = 'follow-dynamics' requires shear.drag, which determines the oscillations that "
-                "grow"
+                "shear.on_instability = 'follow-dynamics' requires shear.drag, on which the growth of oscillations "
+                "depends"
             )
         if len(self.strain) < 2 or self.strain[0] != 0.0:
             raise ValueError("shear.strain needs at least two turning points, the first of them 0.0, as in [0.0, 0.02]")
@@ -88,7 +88,7 @@ class ShearScenario(ScenarioBase):
     release: Release = Release()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over strain steps, memory of the states along a path, and time steps of a run."""
+        """Iterate over sizes: strain steps, memory of the states along a path, and time steps of a run."""
         shear, release = self.shear, self.release
         steps = sum(abs(b - a) / d for (a, b), d in zip(pairwise(shear.strain), shear.steps, strict=True))
         yield Size("shear takes", steps, "load steps", "use a larger shear.step")

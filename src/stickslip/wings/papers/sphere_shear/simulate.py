@@ -1,4 +1,4 @@
-"""Simulation of sheared packings: pack, shear quasi-statically with spectra, locate the onset, release."""
+"""Simulation of sheared packings: pack, shear quasi-statically with spectra, locate the onset, and release."""
 
 import warnings
 from collections.abc import Callable
@@ -38,19 +38,19 @@ from ....results import Equilibrium, PackingInfo, Released
 from . import EXPERIMENT
 from .scenario import ShearScenario
 
-HALVINGS = 7  # number of successively halved distances above the first birth at which Im λ is measured
+HALVINGS = 7  # number of distances above the first birth, each half the previous one, at which Im λ is measured
 
 
 class Onset(NamedTuple):
-    """Birth of the first complex pair, bisected from the last saved state without a pair."""
+    """Birth of the first complex pair, located by bisection from the last saved state without a pair."""
 
     below: float
     above: float
     offset: np.ndarray  # (K,) γ − γ_c
     im_lambda: np.ndarray  # (K,) Im λ of the pair [1/time²]
-    exponent: float  # exponent of Im λ against γ − γ_c; NaN if other pairs exist
+    exponent: float  # exponent of Im λ as a function of γ − γ_c; NaN if other pairs exist
     at_limit: float  # fraction of contacts at the Coulomb limit just above the birth
-    mobilisation: float  # largest |F_t|/(μ F_n) there; NaN without friction
+    mobilisation: float  # largest |F_t|/(μ F_n) just above the birth; NaN without friction
 
     @property
     def strain(self) -> float:
@@ -94,7 +94,7 @@ class ShearPath(NamedTuple):
 
 @result_of(EXPERIMENT)
 class ShearResult(NamedTuple):
-    """Results of a shear scenario; one list entry per seed, or None if a run failed or had nothing to release."""
+    """Results of a shear scenario; lists have one entry per seed, None if a run failed or had no state to release."""
 
     scenario: ShearScenario
     law: Law
