@@ -18,8 +18,13 @@ def functions_with_report():
     for module in pkgutil.walk_packages(ss.__path__, "stickslip."):
         if "_core" in module.name or module.name.endswith("__main__"):
             continue
-        for name, function in inspect.getmembers(importlib.import_module(module.name), inspect.isfunction):
-            own = function.__module__ == module.name and not name.startswith("_")
+        try:
+            found = dict(vars(importlib.import_module(module.name)))
+        except ModuleNotFoundError as problem:
+            assert problem.name.startswith("stickslip.wings.")  # hidden, see tests/hidden.py
+            continue
+        for name, function in found.items():
+            own = inspect.isfunction(function) and function.__module__ == module.name and not name.startswith("_")
             if own and "report" in inspect.signature(function).parameters:
                 yield f"{module.name}.{name}", inspect.signature(function).parameters["report"].annotation
 

@@ -84,6 +84,8 @@ def test_the_path_ends_where_the_sample_slides(result):
     rerun = ss.simulate(ss.scenario(**tables), workers=1)
     assert rerun.strength == 0.3 and rerun.path[-1].load == 0.2
     assert rerun.found.loads.tolist() == [0.1] and np.isnan(result.strength)
+    assert rerun.sentences[0] == "the sample held a load of 0.2 and slid spontaneously at 0.3"
+    assert result.sentences[0].endswith(" and did not slide")
     tables["kicks"] |= {"distance": 0.5 * steps.min()}
     with pytest.raises(ScenarioError, match=r"slides spontaneously at a load of 0.1, below all of load.loads: add"):
         ss.simulate(ss.scenario(**tables | {"load": {"loads": [0.2], "step": 0.1}}), workers=1)

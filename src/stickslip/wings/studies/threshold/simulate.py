@@ -54,8 +54,7 @@ class ThresholdResult(NamedTuple):
     def sentences(self) -> list[str]:
         """Sentences on the static and kinetic friction."""
         held = f"held a load of {self.path[-1].load:.4g}"
-        static = f"slid spontaneously at {self.strength:.4g}" if np.isfinite(self.strength) else "did not slide "
-        "spontaneously"
+        static = f"slid spontaneously at {self.strength:.4g}" if np.isfinite(self.strength) else "did not slide"
         return [f"the sample {held} and {static}", *self.found.sentences]
 
 
