@@ -87,7 +87,7 @@ def _restitution(run) -> float:
 
 
 def _integrate(law: Law, radius: float, mass: float, speed: float, pair: tuple[int, int], *, dense_output: bool):
-    """Integrate a collision; return the result of SciPy, the force, and the units of its length and time."""
+    """Integrate a collision; return the solution from SciPy, the force, and the units of length and time used in it."""
     if isinstance(law.kind, Kind) or BUILTIN_LAWS[law.kind].parameters:
         raise ValueError(
             "`collision` supports the normal forces k δ and k δ^(3/2) only: for this law, simulate the two grains "
@@ -113,7 +113,7 @@ def _integrate(law: Law, radius: float, mass: float, speed: float, pair: tuple[i
     if not all(1 / LARGEST < size < LARGEST for size in (depth, span, m_eff * speed)):
         raise ValueError(
             f"mass = {mass:g} and speed = {speed:g} give an overlap of {depth:.3g} and a duration of {span:.3g}, "
-            "beyond the range of numbers: use other units"
+            "beyond the range of floating-point numbers: use other units"
         )
     calls = count()
 

@@ -1,4 +1,4 @@
-"""Statistics of a network of contact forces: chains, the strong network, anisotropies of contacts and forces.
+"""Statistics of a network of contact forces: chains, the strong network, and anisotropies of contacts and forces.
 
 All functions accept a state with its law, or measured forces. The force of a bonded pair is that of its contact plus
 that of its bond, as in the stress: a pair whose contact and bond balance each other transmits no force. Bonded pairs
@@ -81,7 +81,7 @@ class StrongNetwork(NamedTuple):
 
 @readable
 class Anisotropy(NamedTuple):
-    """Anisotropies of contact directions, normal and tangential forces, and the directions of the largest values."""
+    """Anisotropies of contact directions, of normal forces and of tangential forces, and two of their axes."""
 
     contacts: float  # a_c
     normal: float  # a_n
@@ -101,7 +101,7 @@ class Anisotropy(NamedTuple):
 @checked
 @knows_bonds
 def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
-    """Touching contacts and bonded pairs and their forces, of a state with its law, or of measured forces.
+    """Touching contacts and bonded pairs with their forces, from a state and its law or from measured forces.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def _deviator(tensor: np.ndarray) -> np.ndarray:
 
 
 def _size(deviator: np.ndarray) -> float:
-    """Largest principal value in a plane, √(3/2) of the norm in three dimensions."""
+    """Largest principal value in a plane, √(3/2) times the norm in three dimensions."""
     return float(np.sqrt((deviator**2).sum() * (0.5 if len(deviator) == 2 else 1.5)))
 
 

@@ -24,12 +24,12 @@ from ..core.state import State
 from ..extras import MissingExtraError, broken_extra, is_installed, require
 from .freedom import Freedom
 
-DENSE_BELOW = 700  # coordinates below which LAPACK is faster than a sparse factorisation
-RESTART = 100  # vectors that GMRES stores
+DENSE_BELOW = 700  # number of coordinates below which LAPACK is faster than a sparse factorisation
+RESTART = 100  # number of vectors that GMRES stores
 Solve = Callable[[np.ndarray], np.ndarray]
 LEAF = 24  # bodies that nested dissection does not divide further
 HUB = 8  # bodies with this many times the mean number of neighbours, such as walls, are eliminated last
-FACTORS_UP_TO = 90_000  # coordinates: factors for 60,000 take 3 GiB, those for twice this number 7 GiB
+FACTORS_UP_TO = 90_000  # number of coordinates; factors for 60,000 take 3 GiB, those for 120,000 take 7 GiB
 
 
 @cache
@@ -132,7 +132,7 @@ def _factorise_pardiso(matrix) -> Solve:
 
 
 def block_diagonal_solve(matrix, groups: np.ndarray) -> Solve:
-    """Return a function that solves with the diagonal blocks of a sparse matrix, a preconditioner for `iterate`.
+    """Return a function that inverts the diagonal blocks of a sparse matrix, as a preconditioner for `iterate`.
 
     Parameters
     ----------
@@ -247,13 +247,13 @@ def _cut(graph, side: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _touches(graph, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Mask of the nodes with a neighbour among others, a mask of all nodes."""
+    """Mask of the nodes with a neighbour in `others`, which is a mask of all nodes."""
     own = graph[nodes]
     return np.bincount(np.repeat(np.arange(len(nodes)), np.diff(own.indptr)), others[own.indices], len(nodes)) > 0
 
 
 class FrontalFactor:
-    """LU factors of a sparse matrix with a symmetric pattern; pivoting is restricted to within each part.
+    """LU factors of a sparse matrix with a symmetric pattern; rows are exchanged only within each part.
 
     Raises
     ------
