@@ -6,7 +6,7 @@ from importlib.resources import files
 from string import Template
 
 MARK = "written by stickslip"  # identifies pages and movies of this package
-ROWS = 60  # largest number of rows shown of a table whose rows are all in a file
+ROWS = 60  # largest number of rows shown of a table that is also in a file
 
 
 def page(title: str, about: str, sections: list[tuple[str, str]], *, reload: int | None = None) -> str:
@@ -23,7 +23,7 @@ def page(title: str, about: str, sections: list[tuple[str, str]], *, reload: int
 def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] | None = None, file: str = "") -> str:
     """HTML table of plain text; `classes` gives the kind of each column: number, note or verdict.
 
-    If a `file` has all rows, the table shows the first `ROWS` and states how many more are there.
+    If a `file` contains all rows, the table shows the first `ROWS` and states how many more the file has.
     """
     known, more = classes or {}, len(rows) - ROWS if file else 0
     rows = rows[:ROWS] if more > 0 else rows
@@ -64,7 +64,7 @@ def folded(summary: str, content: str) -> str:
 
 
 def paragraph(text: str, *, kind: str = "") -> str:
-    """Paragraph of plain text; `kind` is soft, verdict, warning, or absent (for missing content)."""
+    """Paragraph of plain text; `kind` is "soft", "verdict", "warning", or "absent" for missing content."""
     return f'<p class="{escape(kind)}">{escape(text)}</p>'
 
 

@@ -1,6 +1,6 @@
 """Claims of a paper: the printed value, the measured value with its error, and a verdict that accounts for noise.
 
-Their report is a summary on the terminal, and JSON, Markdown and image files.
+Claims are reported in a summary on the terminal, and in JSON, Markdown and image files.
 """
 
 import json
@@ -58,14 +58,14 @@ def claim(
     id: str, source: str, paper: Value, measured: Value, unit: str, tolerance: float, note: str = "", *,
     error: float | None = None, reference: Value = None, reference_source: str = "", quantifier: str = IS,
 ) -> Claim:  # fmt: skip
-    """Evaluate a measurement.
+    """Compare a measurement with the paper's value, and return a row of the claims table.
 
-    The note gives the reason if the verdict is undecided, and the comparison with the reference.
+    To `note`, the reason is added if the verdict is undecided, and the comparison with the reference if there is one.
 
     Parameters
     ----------
     source : "PLACE: words", where PLACE is a figure, equation, table or section of the paper
-    error : one standard error of a number, 0 if it is deterministic; with None the claim stays undecided
+    error : one standard error of a number, 0 if it is deterministic; with None, the claim stays undecided
     quantifier : "is"; "can": one instance suffices, and without one the claim stays undecided; "always": one
         counterexample refutes it, and cases without one do not prove it
 
@@ -363,7 +363,7 @@ def _distance(target: float, measured: float, tolerance: float) -> float:
 
 
 def count_sentences(claims: list[Claim]) -> tuple[int, int]:
-    """Return the number of sentences that have a row, and how many of them have no undecided row.
+    """Return the number of the paper's sentences that have a row, and the number of those without an undecided row.
 
     Rows with the same source belong to one sentence. Variants, and rows without a value in the paper, do not count.
     """
@@ -447,7 +447,7 @@ def show_claims(claims: list[Claim], shows: Shows) -> None:
     console = reports.terminal.console
     for sentence in summarize(claims, shows):
         console.print(sentence)
-    # on a narrow terminal, the key number is folded
+    # on a narrow terminal, the key number is wrapped
     lines = figure_lines(claims, shows)
     folded = console.width < reports.terminal.UNBROKEN
     table = Table(box=None, pad_edge=False, header_style="bold", expand=folded)
