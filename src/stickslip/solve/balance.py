@@ -16,12 +16,12 @@ from ..core.measure import Committed, contact_velocity, overlaps, touching, volu
 from ..core.state import SLIDE, STICK, State
 from .freedom import Freedom, freedom, mass_weighted, stiffness_of, unsupported_grains
 
-# Residual over the mean contact force, from `python -m benchmarks equilibrium`. Up to 1e-3, random displacements of
-# grains change the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings whose slips were deleted had a
-# wrong verdict; the first wrong ones appear beyond that. Positions stored as text with eight digits have residuals of
-# 2e-4 in packings of 60 grains and about 1e-3 in larger ones.
+# Largest residual, over the mean contact force, in equilibrium; from `python -m benchmarks equilibrium`. Up to 1e-3,
+# random displacements of grains change the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings whose
+# slips were deleted had a wrong verdict; the first wrong ones appear beyond that. Positions stored as text with eight
+# digits have residuals of 2e-4 in packings of 60 grains and about 1e-3 in larger ones.
 BALANCED_BELOW = 2e-3
-DIGITS = 13  # significant digits of positions that were not truncated by text or single precision
+DIGITS = 13  # number of significant digits; positions with fewer count as truncated by text or single precision
 
 
 class LinearisedState(NamedTuple):
@@ -76,7 +76,7 @@ class LinearisedState(NamedTuple):
         return np.append(self.loose, np.zeros(len(self.state.walls.mass), bool))
 
     def with_modes(self, state: State) -> "LinearisedState":
-        """The same contacts with the modes and slips of another state."""
+        """Linearisation of the same contacts with the modes and slips of another state."""
         return self if state is self.state else self._replace(state=state, line=linearise(state, self.law))
 
 
@@ -128,7 +128,7 @@ def force_imbalance(here: LinearisedState) -> float:
 @checked
 @knows_bonds
 def residual(state: State, law: Law):
-    """Largest component of an unbalanced force or torque/R of a state [force], and the body on which it acts."""
+    """Largest component of the unbalanced forces and torques/R in a state [force], and the body on which it acts."""
     size = np.abs(unbalanced_forces(state, forces(state, law)[0])).max(axis=1)
     return float(size.max()), int(size.argmax())
 
@@ -143,7 +143,7 @@ def balanced(state: State, law: Law) -> LinearisedState:
 
 
 def _local_force_scales(here: LinearisedState) -> np.ndarray:
-    """(N + W,) mean |F_n| in the connected group of each body, or of all contacts if the group has none."""
+    """(N + W,) mean |F_n| in the connected group of each body, or over all contacts if the group has none."""
     state, rows = here.state, here.rows
     if not len(rows):
         return np.zeros(state.n_bodies)
@@ -343,7 +343,7 @@ def with_modes_under(state: State, law: Law) -> State:
 
 
 def modes_under(state: State, law: Law, line: Linearisation) -> State:
-    """State with modes from a linearisation; see `with_modes_under`."""
+    """State with the contact modes that follow from a linearisation; see `with_modes_under`."""
     contacts, count, radius = state.contacts, len(line.limit), body_radii(state)
     reach = radius[contacts.i[:count]] + radius[contacts.j[:count]]
     pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]

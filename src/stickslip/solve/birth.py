@@ -1,6 +1,6 @@
 """Normal form of the oscillatory instability near the birth of a complex pair.
 
-In mass-weighted coordinates y the motion around an equilibrium is ÿ = −A y + N(y). A pair λ_r ± iλ_i has the
+In mass-weighted coordinates y, the motion around an equilibrium is ÿ = −A y + N(y). A pair λ_r ± iλ_i has the
 eigenvector p + iq, whose phase is chosen so that p·q = 0 and |p| ≥ |q|. The vectors u₀ = p and u₁ = q/λ_i satisfy
 
     (A − λ_r) u₁ = u₀,   (A − λ_r) u₀ = −λ_i² u₁,
@@ -54,7 +54,7 @@ LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # search for changes: factor between a
 AFTER = 1.5  # largest amplitude of the harmonic balance, over that at which a contact is lost in linear growth
 TIMES = 32  # points per period in the harmonic balance; there are at most a third as many harmonics
 SAMPLES = 36  # number of amplitudes at which the growth rate is computed
-MOST_ROUNDS, SETTLED = 60, 1e-8  # harmonic balance: most iterations, and the relative change at which they end
+MOST_ROUNDS, SETTLED = 60, 1e-8  # harmonic balance: largest number of iterations, and relative change that ends them
 LARGEST = 1.0  # ratio of slaved motion to motion along the mode above which the harmonic balance is meaningless
 PROBE = 0.02  # displacement for measuring nonlinear forces, over the amplitude of the first limit
 

@@ -30,7 +30,7 @@ class FirstBreak(NamedTuple):
     The displacement gradient is `amount` times `strain`, and the stress changes by `amount` times `stress`.
     """
 
-    amount: np.ndarray  # (K,) infinite for bonds that never break, and for broken ones
+    amount: np.ndarray  # (K,) amount at which each bond breaks; infinite if it never does or is already broken
     failure: np.ndarray  # (K,) index in `FAILURES` of the load that breaks each one
     i: np.ndarray  # (K,) grains
     j: np.ndarray  # (K,)
@@ -54,7 +54,7 @@ class FirstBreak(NamedTuple):
 
     @property
     def mode(self) -> str:
-        """First breaking load: "tension", "shear", "bending", "twisting" or "compression"; empty if no bond breaks."""
+        """Load that breaks the first bond: "tension", "shear", "bending", "twisting" or "compression"; or empty."""
         return FAILURES[self.failure[self.bond]] if self.bond >= 0 else ""
 
 
@@ -69,11 +69,11 @@ def _describe(found: FirstBreak) -> str:
 def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress: Numbers | None = None) -> FirstBreak:
     """First bond to break under a proportionally increasing strain or stress, in the linear response of the packing.
 
-    The loads of bonds change linearly with the amount, according to the Jacobian with each contact held in its mode.
+    Bond loads change linearly with the amount, according to the Jacobian with each contact held in its mode.
     Load over strength is a convex function of the amount, so a bond reaches its strength at most once. The amount is
     accurate if it is so small that few contacts open, close or slide before it is reached: it agreed with steps of
     `equilibrate` to 0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`). Fading
-    bonds soften before they break. Their true amount is smaller by a quarter or more, and other bonds may break first.
+    bonds soften before they break, at amounts that are smaller by a quarter or more, and other bonds may break first.
 
     Parameters
     ----------

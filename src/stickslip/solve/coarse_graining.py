@@ -89,7 +89,7 @@ def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _grid_of(state: State, spacing: float) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
-    """Corner and vectors of the box that the grid fills, and its number of points along each of them."""
+    """Corner and vectors of the box that the grid fills, and the number of grid points along each vector."""
     grains, cell = state.grains, state.cell
     low = (grains.position - grains.radius[:, None]).min(axis=0)
     high = (grains.position + grains.radius[:, None]).max(axis=0)
@@ -98,8 +98,8 @@ def _grid_of(state: State, spacing: float) -> tuple[np.ndarray, np.ndarray, tupl
     length = np.linalg.norm(vectors, axis=1)[: cell.dim]
     if (number := np.prod(length / spacing)) > MOST_POINTS:
         raise ValueError(
-            f"spacing = {spacing:g} gives a grid of {number:.2g} points: use a larger spacing, for at most "
-            f"{MOST_POINTS:g}"
+            f"spacing = {spacing:g} gives a grid of {number:.2g} points, more than {MOST_POINTS:g}: use a larger "
+            "spacing"
         )
     shape = [max(1, round(side)) for side in length / spacing]
     if cell.dim == 2:

@@ -38,7 +38,7 @@ DOUBLINGS = 60
 class Collision(NamedTuple):
     """Result of a head-on collision of two grains."""
 
-    restitution: float  # speed after over speed before
+    restitution: float  # relative speed after the collision over that before it
     duration: float  # [time]
     peak_force: float  # largest normal force, dashpot included [force]
     peak_overlap: float  # [length]
@@ -146,8 +146,8 @@ def with_restitution(
 ) -> Law:
     """Law with γ_n chosen to give a head-on collision of two identical grains the given restitution; γ_t = ratio γ_n.
 
-    The restitution is independent of size and speed only for a linear law with mass-weighted dashpots, so both must be
-    given.
+    The restitution is independent of size and speed only for a linear law with mass-weighted dashpots, so `radius`,
+    `mass` and `speed` must be given.
 
     Parameters
     ----------

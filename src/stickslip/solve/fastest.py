@@ -42,7 +42,7 @@ class ShiftWindow(NamedTuple):
     """Eigenvalues of A nearest to a shift."""
 
     shift: float  # [1/time²]
-    radius: float  # all eigenvalues this close were computed, provided that the iteration missed none [1/time²]
+    radius: float  # all eigenvalues within this distance were computed, if the iteration missed none [1/time²]
     growing: np.ndarray  # complex eigenvalues with Im λ > 0, and negative real ones; empty if there are none [1/time²]
 
 
@@ -58,7 +58,7 @@ class ShiftWindows:
     def search(self, shift: float, size: int) -> np.ndarray:
         """Compute and return the eigenvalues nearest to a shift that a subspace of this size resolves."""
         n = self.matrix.shape[0]
-        if 2 * size >= n:  # a subspace of most of the space: all eigenvalues at once
+        if 2 * size >= n:  # the subspace would be most of the space: compute all eigenvalues
             return self._keep(shift, *self._all_eigenvalues())
         shift, solve = self._factorised(shift)
         values, error, vectors = KrylovSubspace(solve, self._start(0)).eigenvalues(shift, size)
@@ -190,7 +190,7 @@ class Bottom(NamedTuple):
     found: int  # number of eigenvalues found below the limit
     expected: int  # number of eigenvalues of the symmetric part S below the limit, by Sylvester's law of inertia
     zero: bool  # whether both numbers exclude zero modes, of which only some are found if there are many
-    above: float  # upper bound on the growth rate above: ‖K‖/(2√limit), skew part K [1/time]; ‖K‖/2 for limit 0
+    above: float  # upper bound on growth rates above the limit: ‖K‖/(2√limit), skew part K; ‖K‖/2 for limit 0 [1/time]
 
     @property
     def confirmed(self) -> bool:
@@ -210,7 +210,7 @@ class FastestPair(NamedTuple):
     bottom: Bottom
     exponent: float  # amplification exponent at which a pair above the bottom would have stood out
     duration: float  # duration of the tangent dynamics; inf if all eigenvalues were computed [time]
-    probes: int  # random initial vectors of the tangent dynamics
+    probes: int  # number of random initial vectors of the tangent dynamics
     candidates: list[ShiftWindow]  # windows computed; the first, if any, is that at the bottom
     unverified: int  # number of growing peaks of the spectra from which no eigenvalue was extracted
     suspected: float  # growth rate of the fastest of these peaks, estimated from its amplitude; 0 if none [1/time]
@@ -294,7 +294,7 @@ def fastest_pair(
     saved : file in which the search is saved every minute, and from which it continues; it is removed at the end
     dense_below : number of coordinates below which LAPACK computes all eigenvalues
     factors_up_to : number of coordinates up to which factors are computed, for the modes at the bottom and, up to
-        30,000 coordinates, to refine the pair to round-off. Beyond that number, the probes alone search the whole
+        30,000 coordinates, to refine the pair to round-off. Beyond `factors_up_to`, the probes alone search the whole
         spectrum
 
     Notes

@@ -23,15 +23,15 @@ PAIR_ABOVE = 1e-9  # fraction of the largest |λ| above which |Im λ| is more th
 class Freedom(NamedTuple):
     """Free coordinates q of x = P q + x₀, where x contains (x, y, z, R·angle) of every body.
 
-    P selects the free components; all others are prescribed. Components are ordered body by body. In two dimensions a
-    grain has x, y and R·angle_z. A rigid group has one coordinate per direction, at the position of its first member.
+    P selects the free components; all others are prescribed. Components are ordered body by body. In two dimensions,
+    a grain has x, y and R·angle_z. A rigid group has one coordinate per direction, placed at that of its first member.
     Free components of the cell strain ε come last: their coordinates are ℓ ε_ab with ℓ = V^(1/dim), and grains move
     affinely with the cell, x → x + ε x.
     """
 
     MADE_BY = "freedom"
 
-    component: np.ndarray  # (n,) index of each coordinate in the flattened arrays (B, 6), of bodies, and ε (3, 3)
+    component: np.ndarray  # (n,) index of each coordinate in the flattened (B, 6) array of bodies, then ε (3, 3)
     mass: np.ndarray  # (n,) mass, or I/R² for rotations [mass]
     dim: int
     place: np.ndarray  # (6B + 9,) coordinate of each component, −1 if it is prescribed: the nonzero entries of P
@@ -169,9 +169,9 @@ def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndar
 def jacobian(state: State, law: Law, free: Freedom | None = None, *, memory: int = HELD):
     """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode or, with FREE, in that of its trial memory.
 
-    The force on a free component of the cell is Σ f_a r_b − V σ_ab. In addition to the change in f, its row contains
-    f_a δ_b from the change in r and −V σ_ab δ_cd from the change in volume. If `free` is None, the coordinates are
-    those of `freedom(state)`.
+    The force on a free component of the cell is Σ f_a r_b − V σ_ab. In addition to the change in f, its row of J
+    contains f_a δ_b from the change in r and −V σ_ab δ_cd from the change in volume. If `free` is None, the coordinates
+    are those of `freedom(state)`.
 
     Examples
     --------

@@ -38,7 +38,7 @@ from .stability import combine_stability, stability
 
 AT_MOST = 2_500  # number of coordinates for which all modes are computed within minutes
 STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))  # central differences of fourth order
-SMALL, LEAST = 0.02, 1e-3  # step over the smallest slip of a body, and smallest slip considered, over the overlap
+SMALL, LEAST = 0.02, 1e-3  # step over the smallest slip at a body; smallest slip considered, over the overlap
 CONFIDENCE = 0.95  # confidence of the interval of a probability
 
 
@@ -63,7 +63,7 @@ class Gradient(NamedTuple):
         return abs(np.sqrt(complex(self.value)).imag)
 
     def growth_derivative(self, derivative: np.ndarray) -> np.ndarray:
-        """Derivative of the growth rate for a derivative of λ or s."""
+        """Derivative of the growth rate, given that of λ or s."""
         if self.damped:
             return np.real(derivative)
         root = np.sqrt(complex(self.value))
@@ -263,7 +263,7 @@ def _by_given_position(task: "_Task", loads: np.ndarray | None = None) -> np.nda
 
 
 def _by_radius(task: "_Task", pushed: np.ndarray) -> np.ndarray:
-    """(N,) derivatives with respect to radii; see `contributions` for the loads."""
+    """(N,) derivatives with respect to radii; `pushed` contains the `loads` of `contributions`."""
     state, radius = task.here.state, task.here.state.grains.radius
 
     def grown(h: np.ndarray) -> np.ndarray:
@@ -292,9 +292,9 @@ class _Task(NamedTuple):
         return out + (loads * np.hstack([force, np.cross(force, line.normal)])).sum(axis=1)
 
     def by_end(self, function: Callable) -> np.ndarray:
-        """(2, C) derivatives of each contact's contribution to a property of its first and of its second body.
+        """(2, C) derivatives of each contact's contribution with respect to a property of its first and second body.
 
-        function(h) returns the contributions (C,) for changes h (B,) of the properties of bodies.
+        function(h) returns the contributions (C,) for changes h (B,) of this property of all bodies.
         """
         ends = self.ends
         out = np.zeros(ends.shape, complex)
@@ -456,7 +456,7 @@ def with_given_slips(state: State) -> State:
 class VerdictProbability(NamedTuple):
     """Probability of the verdict on a packing whose positions have errors."""
 
-    stable: int  # samples without a growing mode
+    stable: int  # number of samples without a growing mode
     samples: int
     low: float  # bounds of the probability that it is stable, with a confidence of 95 %
     high: float
@@ -486,13 +486,13 @@ def verdict_probability(
     Normal errors are added to all positions; slips keep their given values. Errors of X-ray or photoelastic data are
     much larger than the displacements to which forces are sensitive, so the samples need not balance: the balancing
     forces of the given positions are assumed. The decisive contact is the one whose distance contributes most, to first
-    order, to the variance of λ. For errors of 1e-4, this `deviation` was within 3 % of the spread of 200 samples
-    (`tests/modes/test_gradient.py`).
+    order, to the variance of λ. For errors of 1e-4, the first-order `deviation` was within 3 % of the spread of 200
+    samples (`tests/modes/test_gradient.py`).
 
     Parameters
     ----------
     position_error : standard deviation of each coordinate over the mean radius
-    samples : number of packings
+    samples : number of packings with random errors
 
     Raises
     ------

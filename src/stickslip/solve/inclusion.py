@@ -28,7 +28,7 @@ ELASTIC_BELOW = 1e-6  # |κ| r below which the solutions without screening are u
 ROUND_OFF = 1e-12  # smallest scatter over the radial displacement
 MODELS = ("elastic", "dipole", "odd")  # models with 0, 1 and 2 components of κ²
 ANGLES = 8  # number of angles of κ² from which fits start
-SMALL = 0.02  # step of differences over the smallest overlap or gap of a grain that grows
+SMALL = 0.02  # step of finite differences over the smallest overlap or gap of a grain that grows
 LEAST = 1e-9  # smallest growth of a grain, above the round-off of positions and pressures
 RANGE = 0.25  # largest displacement over the skin of the contact list for which the list is valid
 INNER = 2.0  # inner radius of a fit, in mean diameters
@@ -60,7 +60,7 @@ class DisplacementFit(NamedTuple):
     screening: complex  # κ² = κ_e² + iκ_o² [1/length²]
     errors: np.ndarray  # half-widths of 95 % intervals: Re near, Re far, Im near, Im far, κ_e², κ_o², if fitted
     misfit: float  # χ²
-    aicc: float  # AICc with χ² over its excess in the richest model; comparable between fits to the same rings
+    aicc: float  # AICc, with χ² divided by the overdispersion in the richest model; comparable for the same rings
     rings: Rings
 
     def displacement(self, distance: np.ndarray) -> np.ndarray:
@@ -71,7 +71,7 @@ class DisplacementFit(NamedTuple):
 
 @readable(head=lambda fits: fits.verdict)
 class ScreeningFits(NamedTuple):
-    """Fits of elasticity, screening by dipoles and odd screening to the same rings, with free amplitudes.
+    """Fits of elasticity, of screening by dipoles and of odd screening to the same rings, with free amplitudes.
 
     The amplitudes are free, so that the fits are valid inside any boundary. κ_e² may be negative. Intervals follow from
     the covariance of the rings, whose displacements are correlated. AICc is that of overdispersed data (Burnham &
@@ -113,9 +113,9 @@ def rings_of(offset, components, counted, width: float, within: tuple[float, flo
 
     Parameters
     ----------
-    offset : (M, N, dim) [length]
+    offset : (M, N, dim) positions relative to the centres [length]
     components : distance, radial and tangential displacement, (M, N) each [length]
-    counted : (M, N) bool
+    counted : (M, N) bool, True for displacements that count
     """
     ring = np.floor((components[0] - within[0]) / width)
     whole = max(int(np.floor((within[1] - within[0]) / width + 1e-9)), 0)
@@ -200,7 +200,7 @@ def _solve(screening: complex, rings: Rings) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _minimum(rings: Rings, unknowns: int) -> tuple[np.ndarray, np.ndarray]:
-    """κ² (those of its real and imaginary parts that are unknown), and residuals, of the best fit from many starts.
+    """Unknown real and imaginary parts of κ² in the best fit from many starts, and its residuals.
 
     Wavelengths shorter than four rings are excluded.
     """
@@ -256,9 +256,9 @@ class Inflation(NamedTuple):
 
     growth: float  # relative growth of the radii
     centers: np.ndarray  # (M,) numbers of the inflated grains
-    offset: np.ndarray  # (M, N, dim) initial position of the nearest image relative to the centre [length]
+    offset: np.ndarray  # (M, N, dim) initial position of each grain's nearest image relative to the centre [length]
     displacement: np.ndarray  # (M, N, dim) displacements, less their mean if nothing holds the packing [length]
-    counted: np.ndarray  # (M, N) counted grains: free, not rattlers, not inflated
+    counted: np.ndarray  # (M, N) True for grains that count: free, and neither rattlers nor inflated
     diameter: float  # mean diameter [length]
     outer: float  # distance up to which circles or spheres around all centres are whole [length]
     volume: float  # volume of the periodic cell; NaN if grains are held, or if there are walls or open sides
@@ -293,7 +293,7 @@ class Inflation(NamedTuple):
 
         Parameters
         ----------
-        inner, outer : range of distances; default: two mean diameters, and `outer` [length]
+        inner, outer : range of distances; default: from two mean diameters to the attribute `outer` [length]
 
         Raises
         ------

@@ -94,7 +94,7 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> 
         try:
             solve = splu(
                 sparse.csc_array(whole)
-            ).solve  # this column ordering has a tenth of the fill of one by degrees
+            ).solve  # the default column ordering causes a tenth of the fill of a minimum-degree ordering
         except RuntimeError:  # singular
             return None
         excess = -v * w

@@ -27,7 +27,7 @@ from .freedom import Freedom
 DENSE_BELOW = 700  # number of coordinates below which LAPACK is faster than a sparse factorisation
 RESTART = 100  # number of vectors that GMRES stores
 Solve = Callable[[np.ndarray], np.ndarray]
-LEAF = 24  # bodies that nested dissection does not divide further
+LEAF = 24  # number of bodies in a part that nested dissection does not divide further
 HUB = 8  # bodies with this many times the mean number of neighbours, such as walls, are eliminated last
 FACTORS_UP_TO = 90_000  # number of coordinates; factors for 60,000 take 3 GiB, those for 120,000 take 7 GiB
 
@@ -64,7 +64,7 @@ def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> S
 
     Parameters
     ----------
-    matrix : (n, n) sparse, all diagonal entries stored
+    matrix : (n, n) sparse, with all diagonal entries stored
     method : "dense", "pardiso" or "superlu"; default: chosen by size and installed libraries
     ordered : whether the coordinates are already in a fill-reducing order, so that SuperLU need not compute one
 
@@ -75,7 +75,7 @@ def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> S
     """
     method = method or ("dense" if matrix.shape[0] < DENSE_BELOW else "pardiso" if has_pardiso() else "superlu")
     if method == "superlu":
-        # with so little fill there are no wide supernodes that would benefit from panels
+        # with so little fill, there are no wide supernodes that would benefit from panels
         return (
             _factorise_superlu(matrix, "NATURAL", relax=1, panel_size=1)
             if ordered
@@ -148,7 +148,7 @@ def block_diagonal_solve(matrix, groups: np.ndarray) -> Solve:
     width = int(offset.max(initial=0)) + 1
     blocks = np.zeros((len(starts), width, width))
     blocks[:, np.arange(width), np.arange(width)] = 1.0
-    blocks[block, offset, offset] = 1e-9 * np.abs(matrix.data).max(initial=0.0)  # regular even without a contact
+    blocks[block, offset, offset] = 1e-9 * np.abs(matrix.data).max(initial=0.0)  # regular even without contacts
     np.add.at(blocks, (block[rows], offset[rows], offset[cols]), matrix.data[inside])
     inverse, slot = np.linalg.inv(blocks), width * block + offset
 
@@ -235,7 +235,7 @@ def dissect(state: State, free: Freedom, coordinates: np.ndarray, matrix) -> Dis
 
 
 def _cut(graph, side: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Halves of sorted nodes, less the smaller of the two sets that can separate the halves, and this set."""
+    """Two halves of sorted nodes without the smaller of the two sets that can separate them, and this set."""
     half = len(nodes) // 2
     first, second = nodes[:half], nodes[half:]
     side[first], side[second] = 1, 2

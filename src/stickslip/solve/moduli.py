@@ -28,7 +28,7 @@ VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2)
 class ElasticModuli(NamedTuple):
     """C_abcd = −∂σ_ab/∂G_cd for a displacement gradient G, and its affine part [force/length^(dim−1)].
 
-    `shear`, `bulk` and so on are the moduli of the isotropic tensor nearest to C. In two dimensions they are plane
+    `shear`, `bulk` and so on are the moduli of the isotropic tensor nearest to C. In two dimensions, they are plane
     moduli.
     """
 
@@ -59,12 +59,12 @@ class ElasticModuli(NamedTuple):
 
     @property
     def shear(self) -> float:
-        """G = (C_abab − C_aabb/dim)/((dim − 1)(dim + 2)), C symmetrised in a, b and c, d."""
+        """G = (C_abab − C_aabb/dim)/((dim − 1)(dim + 2)), with C symmetrised in a, b and in c, d."""
         return isotropic(self.tensor)[1]
 
     @property
     def bulk_affine(self) -> float:
-        """K of the affine part."""
+        """Bulk modulus K of the affine part."""
         return isotropic(self.affine)[0]
 
     @property
@@ -127,7 +127,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     cell, x → x + Gx, and do not rotate. The second term is the contribution of the non-affine motion that restores the
     balance of forces and torques. Each contact is held in its mode, so C is a tangent modulus: it is valid for strains
     so small that no contact opens, closes, or changes between stick and slide. σ is the Cauchy stress, compression
-    positive, so C is positive where a packing resists. Under a pressure p it differs from the second derivative of
+    positive, so C is positive where a packing resists. Under a pressure p, C differs from the second derivative of
     an energy by terms of order p. Rattlers are excluded.
 
     In 16 disks and 20 spheres without sliding contacts, with overlaps of 1 to 3 %, the change of the shear stress
@@ -308,7 +308,7 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
     Raises
     ------
     ValueError
-        As in `elastic_moduli`, or if no forces balance under some stress.
+        As in `elastic_moduli`, or if there is a stress that no contact forces balance.
 
     Source
     ------
@@ -344,5 +344,5 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
     if not np.linalg.cond(matrix) < 1e12:
-        raise ValueError("no contact forces balance a stress: bounds of moduli need a packing that carries any stress")
+        raise ValueError("no contact forces balance a certain stress: bounds need a packing that carries every stress")
     return np.linalg.inv(matrix)

@@ -25,8 +25,8 @@ ITERATIONS = 300  # number of iterations without a factor after which a factoris
 FORCING = 1e-2  # relative residual to which linear systems are solved by iteration
 SLOW = 0.05  # a step that leaves a larger fraction of the residual is too short, or its matrix too old
 LOOSE = 1e-4  # fraction of the largest stiffness below which a coordinate is loose
-VANISHING = 0.45  # largest remaining fraction of an overlap after a step if the contact vanishes; in theory 1/3
-OPENING = 1.6  # factor of the longer step that opens contacts, for which 3/2 is enough in theory
+VANISHING = 0.45  # largest fraction of its overlap that a vanishing contact keeps in a step; in theory 1/3
+OPENING = 1.6  # factor by which a step is lengthened to open contacts; in theory, 3/2 is enough
 
 
 class Factorisation:

@@ -1,4 +1,4 @@
-"""All complex pairs of −M⁻¹J for large systems, from modes of the symmetric part coupled in windows; a certificate.
+"""All complex pairs of −M⁻¹J for large systems, from coupled modes of the symmetric part, and their certificate.
 
 With A = S + K, candidates come from windows of modes of the symmetric part S, which the skew part K couples. Real
 eigenvalues are certified by Gershgorin discs after similarity passes, in floating point.
@@ -40,7 +40,7 @@ DENSE_BELOW = 1500  # number of coordinates below which LAPACK takes a few secon
 # residual over the largest |λ|: target, and largest accepted value if round-off prevents the target
 CONVERGED, ENOUGH = 2e-15, 1e-12
 SAME = 1e-9  # two refined eigenvalues with one eigenvector are the same if closer than this fraction of the largest |λ|
-NEIGHBOURS = 20  # additional eigenvalues that Arnoldi's method computes near those of a subspace
+NEIGHBOURS = 20  # number of additional eigenvalues that Arnoldi's method computes near those of a subspace
 
 
 class Basis(NamedTuple):
@@ -49,7 +49,7 @@ class Basis(NamedTuple):
     vectors: np.ndarray  # (n, n), orthonormal to single precision
     image: np.ndarray  # (n, n) A times `vectors`, in double precision
     diagonal: np.ndarray  # (n,) Rayleigh quotients, in double precision [1/time²]
-    skew: np.ndarray  # (n, n) single precision: K between the modes [1/time²]
+    skew: np.ndarray  # (n, n) K in the basis of the modes, in single precision [1/time²]
 
     @property
     def scale(self) -> float:
@@ -100,8 +100,9 @@ def build_window(basis: Basis, first: int) -> Window:
     """Window of modes first … first + WINDOW with its halo.
 
     Outer modes are eliminated to second order and to first order in λ − centre:
-    M = H − centre G − K_PQ (D_Q − centre)⁻¹ K_QP, N = G + K_PQ (D_Q − centre)⁻² K_QP, with K_PQ = −K_QPᵀ. G differs
-    from the identity, and H from D + K, by the round-off of the modes, which would blur pairs at first order.
+    M = H − centre G − K_PQ (D_Q − centre)⁻¹ K_QP, N = G + K_PQ (D_Q − centre)⁻² K_QP, with K_PQ = −K_QPᵀ. The Gram
+    matrix G differs from the identity, and the projection H of A from D + K, by the round-off of the modes, which
+    would blur pairs at first order.
     """
     n = len(basis.diagonal)
     last = min(n, first + WINDOW) - 1
@@ -181,8 +182,8 @@ class Certificate(NamedTuple):
     real: int  # number alone in a disc with a real centre: real, as the spectrum is symmetric about the real axis
     zero: int  # number of exact zeros, from unresisted coordinates; not counted in `size`
     pairs: int  # number of pairs whose disc is isolated and does not touch the real axis
-    undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
-    members: np.ndarray  # (k,) number of eigenvalues in each group
+    undecided: np.ndarray  # (k,) centres of groups of overlapping discs [1/time²]
+    members: np.ndarray  # (k,) number of eigenvalues in each of these groups
     consistent: bool  # True if every pair found is certified or undecided, and every certified pair was found
 
     def __str__(self):

@@ -35,8 +35,8 @@ EXCITED = 1.15  # largest excess of a peak, as a growth exponent, that strong ex
 # steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the previous one
 SHORTEST, LONGER = 256, 16
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
-GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # growth exponent of a pair in a pass of filters; numbers of passes
-STALLED = 1.2  # after PASSES, filters run on only while Im λ over its residual grows by this factor
+GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # growth exponent of a pair per filter pass; usual and largest number of passes
+STALLED = 1.2  # after PASSES, filters run on only while Im λ over its residual grows by this factor in each pass
 CLEAR = 10.0  # smallest ratio of Im λ to the residual that is accepted after the last pass
 FAR = 150.0  # logarithm of the amplitude at which probes stop, since double precision ends at 700
 STAGE = "random probes in a leapfrog"  # name in progress reports
@@ -58,7 +58,7 @@ class Motion(NamedTuple):
     """Equations of motion q̈ = −A q + D q̇ of mass-weighted displacements."""
 
     matrix: sparse.csr_array  # (n, n) A, ordered so that neighbours are close in memory [1/time²]
-    norm: float  # estimate of its largest eigenvalue [1/time²]
+    norm: float  # estimate of the largest eigenvalue of A [1/time²]
     rigid: np.ndarray  # (n, k) orthonormal zero modes that are excluded, since round-off makes them drift
     drag: sparse.csr_array | None = None  # (n, n) D; None without dashpots [1/time]
 
@@ -92,7 +92,7 @@ class ProbeRun:
 
     @property
     def time(self) -> float:
-        """Time run so far [time]."""
+        """Time that the probes have run so far [time]."""
         return len(self.spectra) * self.span * self.dt
 
     def seconds(self, steps: float) -> float:
@@ -102,7 +102,7 @@ class ProbeRun:
         return (time.perf_counter() - begin) / 2 * steps
 
     def tune(self, value: complex | None) -> None:
-        """Choose weights that make dashpots exact at the frequency of a peak, where possible, or else lagged.
+        """Choose weights that make dashpots exact at the frequency of a peak, where possible; otherwise, they lag.
 
         The weights w of the present and the previous velocity solve w₀ exp(−iθ/2) + w₁ exp(−3iθ/2) = 1.
         """
@@ -167,7 +167,7 @@ class ProbeRun:
     def _note_what_is_seen(self) -> None:
         """Store the growth rate at which a mode excited with 1/FAINT of the mean power would stand out [1/time].
 
-        It is the smallest rate so far, because modes that have grown may drown the spectrum later.
+        The smallest rate so far is kept, because modes that have grown may drown the spectrum later.
         """
         _, least, unit = self._excess()
         seen = float(np.log(FAINT * least.max() / unit)) / (2 * self.dt * self.span * (len(self.spectra) - 0.5))
@@ -264,7 +264,7 @@ class Filters:
 
 
 class GrowingModes:
-    """Growing eigenvalues extracted by filters while probes run on, and the fastest one that is not yet known.
+    """Growing eigenvalues that filters extract while probes run on, and the fastest of those not known before.
 
     Parameters
     ----------

@@ -24,8 +24,8 @@ from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiff
 from .linear import FrontalFactor, dissect, one_thread
 from .moduli import check_cell, elastic_moduli, isotropic, with_free_cell
 
-DIRECT_UP_TO = 300  # number of coordinates up to which each frequency is solved by LAPACK
-STEPS, ROUNDS = 300, 6  # number of Arnoldi steps before each check of convergence, and of checks
+DIRECT_UP_TO = 300  # number of coordinates up to which LAPACK solves for each frequency
+STEPS, ROUNDS = 300, 6  # number of Arnoldi steps between checks of convergence, and largest number of checks
 ALLOWED = 1e-6  # largest deviation of k·a/2π from an integer
 SOLVED = 1e-8  # largest relative residual of a solution
 WITHOUT_LIMIT = 1e12  # response, over that of the largest stiffness, above which round-off dominates
@@ -73,9 +73,9 @@ class ForcedMotion(NamedTuple):
     damp: sparse.csr_array  # ∂f/∂q̇ of all coordinates
 
     def drives(self, drive: np.ndarray, name: str = "drive") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces (n, k) of drives (k, B, 6) and of their velocities on free coordinates, and their motions (N, k).
+        """Forces (n, k) that drives (k, B, 6) and their velocities exert on free coordinates, and motions (N, k).
 
-        The forces are mass-weighted. A motion is that of all coordinates, zero for the free ones.
+        The forces are mass-weighted. The motions are those prescribed by the drives, and zero for free coordinates.
         """
         _check_groups(self.here.state, drive, name)
         flat, prescribed = _gather(self.whole, drive), ~self.here.state.control.free.ravel()
@@ -159,7 +159,7 @@ def frequency_response(
     it directly.
 
     Velocities enter through drag and the dashpots of the law. Runs under small forces agreed with this gain and phase
-    within 0.2 % (`tests/modes/test_response.py`); under larger forces, contacts stiffen, slide and open.
+    to within 0.2 % (`tests/modes/test_response.py`); under larger forces, contacts stiffen, slide and open.
 
     Parameters
     ----------
@@ -353,7 +353,7 @@ def plane_wave(state: State, wavevector: Numbers, direction: Numbers) -> np.ndar
     Raises
     ------
     ValueError
-        If the cell does not allow k, e is zero, or one of them leaves the plane of disks.
+        If the cell does not allow k, if e is zero, or if one of them leaves the plane of disks.
     """
     k, e = in_plane(state, wavevector=wavevector), in_plane(state, direction=direction)
     require_shape((1, state.cell.dim), wavevector=k, direction=e)

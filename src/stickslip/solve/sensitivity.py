@@ -43,14 +43,14 @@ class ContactSensitivity(NamedTuple):
 
     eigenvalue: complex | None  # λ of the pair, Im λ > 0; None if there is no pair [1/time²]
     condition: float  # ‖w‖‖v‖/|wᴴv| of λ, with left mode w, right mode v; diverges at birth; NaN without a pair
-    contacts: np.ndarray  # (C,) rows of the contact list that touch and support the packing
+    contacts: np.ndarray  # (C,) rows in the contact list of the touching contacts that support the packing
     derivative: np.ndarray  # (C,) complex ∂λ/∂ln s for a factor s on each contact's stiffness; empty without a pair
     growth_rate: float  # growth rate of the fastest-growing mode, 0 if none grows [1/time]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
     contact: np.ndarray  # (K,) row of the contact list for each change
     i: np.ndarray  # (K,) the bodies in contact
     j: np.ndarray  # (K,)
-    what: np.ndarray  # (K,) "slides", "opens", or "breaks" of a bond
+    what: np.ndarray  # (K,) "slides", "opens", or "breaks" for a bond
     mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the unchanged contact, 1 at the Coulomb limit; NaN without friction
     predicted: np.ndarray  # (K,) growth rate after the change, from pairs of neighbouring modes; for small changes only
     after: np.ndarray  # (K,) growth rate after the change, from the full spectrum; NaN if not computed

@@ -49,7 +49,7 @@ class Support(NamedTuple):
 def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
     """Prune contacts with small overlaps, then repeatedly grains with too few contacts.
 
-    Small contacts between remaining grains are kept. Bonds are not pruned; a single beam can hold a grain.
+    Small contacts between remaining grains are kept. Bonds are not pruned; a single beam (bond) can hold a grain.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
 class Response:
     """Response of an accepted state in a periodic cell to a strain, computed from the exact Jacobian on demand.
 
-    The deformation is x → (1 + G ε) x for small strains; by default simple shear along x with the gradient along y.
+    The deformation is x → (1 + G ε) x for small strains; by default, simple shear along x with the gradient along y.
     """
 
     def __init__(self, state: State, law: Law, prune: float = PRUNE, *, slip: bool = True, gradient: np.ndarray = XY):

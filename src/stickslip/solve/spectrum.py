@@ -19,7 +19,7 @@ from .linear import factorised, suitable_threads
 
 ALL_UP_TO = 120  # number of coordinates up to which all eigenvalues are computed even if a few suffice
 SOFTEST = 40  # number of eigenvalues nearest to zero that are otherwise computed
-NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus this does not count as negative
+NEGATIVE_BELOW = 1e-8  # eigenvalues of the scaled symmetric part above minus this value do not count as negative
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 DENSE_UP_TO = 2_500  # number of coordinates whose density of states takes half a minute
 PROBES = 16  # number of random vectors for the trace in the density of states
@@ -32,7 +32,7 @@ class Spectrum(NamedTuple):
     """All eigenvalues λ of −M⁻¹J, sorted by real part, with their modes.
 
     A stable mode has λ > 0 and frequency √λ; λ < 0 means buckling. A complex pair λ_r ± iλ_i oscillates at ω_r and
-    grows as exp(ω_i t), ω_r + iω_i = √(λ_r + iλ_i).
+    grows as exp(ω_i t), with ω_r + iω_i = √(λ_r + iλ_i).
     """
 
     MADE_BY = "spectrum"
@@ -49,7 +49,7 @@ class Spectrum(NamedTuple):
 
     @property
     def pair_indices(self) -> np.ndarray:
-        """Indices of `pairs` in `eigenvalues`; modes, growth rates and frequencies have the same ones."""
+        """Indices of `pairs` in `eigenvalues`, and likewise in the modes, growth rates and frequencies."""
         index = np.flatnonzero(self.eigenvalues.imag > 0)
         return index[np.argsort(-self.growth_rate[index])]
 
@@ -77,7 +77,7 @@ class Spectrum(NamedTuple):
         return not len(self.pairs) and bool((self.eigenvalues.real > floor).all())
 
     def shares(self) -> np.ndarray:
-        """(n, 7) shares of the norm of each mode (mass-weighted) in x, y, z, three rotations and the cell; sum 1."""
+        """(n, 7) shares of x, y, z, three rotations and the cell in the mass-weighted norm of each mode, with sum 1."""
         weight = self.free.mass[:, None] * np.abs(self.modes) ** 2
         axis = self.free.axis
         return np.stack([weight[axis == k].sum(axis=0) for k in range(7)], axis=1)
@@ -144,7 +144,7 @@ class SoftModes(NamedTuple):
 
 
 def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
-    """Negative eigenvalues with modes, and number of zero eigenvalues, among those nearest to zero.
+    """Negative eigenvalues with their modes, and the number of zero eigenvalues, among those nearest to zero.
 
     Parameters
     ----------
@@ -386,7 +386,7 @@ def density_of_states(
         kernel polynomial method: (1/n) tr T_k(A) with random probes, the Jackson kernel and bins integrated in closed
         form. It uses Re λ of pairs, with errors of order (λ_i/λ_max)², and counts negative λ and zero modes
         other than translations in the lowest bin. "auto" selects "dense" up to 2500 coordinates
-    probes, seed : number of random vectors of ±1, and their seed; the error falls as 1/√(probes n)
+    probes, seed : number of random vectors of ±1, and their seed; the error decreases as 1/√(probes n)
     report : called as report(stage, share done, text)
 
     Source
@@ -445,7 +445,7 @@ def _count_modes(values: np.ndarray, bins) -> DensityOfStates:
 
 
 def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) -> DensityOfStates:
-    """Density from Chebyshev moments.
+    """Density of states from Chebyshev moments.
 
     With λ = centre + half · cos θ, a resolution of π/K in θ corresponds to (√λ_max/2) π/K in ω.
     """

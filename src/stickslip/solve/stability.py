@@ -71,13 +71,13 @@ class Stability(NamedTuple):
     pairs: np.ndarray  # (P,) complex λ with Im > 0, fastest growing first [1/time²]
     negative: np.ndarray  # (K,) real λ < 0 [1/time²]
     zero_modes: int
-    rigid: int  # zero modes that are translations of the whole packing
+    rigid: int  # number of zero modes that are translations of the whole packing
     modes: np.ndarray  # (n, P + K) generalised displacements of the pairs, then of the negative λ
     free: Freedom
     method: str  # method used: "dense", "pairs", "certify", "fastest" or "none"; `way` describes it
     scope: str  # limits of the analysis, in words
     causes: tuple[str, ...]  # possible reasons why forces do not balance (see `likely_causes`); empty if they do
-    at_limit: int = 0  # contacts at the Coulomb limit under sharp friction; this spectrum assumes that all keep sliding
+    at_limit: int = 0  # number of contacts at the Coulomb limit under sharp friction, all assumed to keep sliding here
     if_stuck: "Stability | None" = None  # stability if these contacts stick; None without such contacts
     undamped: "Stability | None" = None  # stability without the dashpots of the law; None if it has none
     slowest: complex | None = None  # exponent of the slowest decay with dashpots, if all were computed [1/time]
@@ -107,7 +107,7 @@ class Stability(NamedTuple):
         """True if no growing mode was found, whether or not there are floppy modes.
 
         None away from equilibrium, if a mode grows only while contacts at the Coulomb limit keep sliding, or if
-        tangent dynamics grew but no eigenvalue was extracted.
+        tangent dynamics showed growth but no eigenvalue was extracted.
         """
         return combine_stability(self, self.if_stuck) if self.balanced else None
 
@@ -210,10 +210,10 @@ def stability(
     dashpots : if False, dashpots of the law are ignored, and every complex pair grows
     method : task: "fastest" (the fastest-growing pair), "all" (all complex pairs), "certify" (also a
         certificate of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000
-        coordinates, "fastest" beyond). Each uses the cheapest algorithm, given by `Stability.method`: LAPACK up to 1500
-        coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With dashpots,
-        all exponents are computed up to 1250 coordinates (with "dense", 4000). In larger packings, exponents are
-        searched for near those of the undamped motion, which are found with this method; beyond 90,000 coordinates,
+        coordinates, "fastest" beyond). Each uses the cheapest algorithm, which `Stability.method` names: LAPACK up to
+        1500 coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With
+        dashpots, all exponents are computed up to 1250 coordinates (with "dense", 4000). In larger packings, exponents
+        are searched for near those of the undamped motion, which the chosen method finds; beyond 90,000 coordinates,
         probes find the fastest-growing one. With dashpots, there is no certificate
     saved : file in which a search for the fastest pair is saved every minute, and from which it continues; it is
         removed at the end
@@ -524,7 +524,7 @@ def _search_near_shifts(pull, drag, starts: np.ndarray, report) -> tuple[np.ndar
     for k, shift in enumerate(shifts):
         report("exponents with dashpots", k / len(shifts), f"{len(values)} growing so far")
         found, modes = _exponents_near(pull, drag, complex(shift), NEAR_SHIFT if k else NEAR_ZERO)
-        found = np.where(np.abs(found.imag) <= PAIR_ABOVE, found.real, found)  # round-off of a real one
+        found = np.where(np.abs(found.imag) <= PAIR_ABOVE, found.real, found)  # imaginary round-off of a real one
         found, modes = found[_is_growing(found)], modes[:, _is_growing(found)]
         new = [not np.any(np.abs(values - s) < 1e-8) for s in found]
         values, vectors = np.append(values, found[new]), np.hstack([vectors, modes[:, new]])

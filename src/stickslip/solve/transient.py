@@ -31,7 +31,7 @@ from .spectrum import REAL_BELOW
 AT_MOST = 1_500  # number of coordinates for which eigenvectors and a few hundred singular values take minutes
 NOTHING = 1e-9  # excess of the bound over 1 up to which no search is needed
 COARSE = 1e-3  # relative residual of a singular vector; the singular value is accurate to about its square
-SMALL = 150  # size up to which LAPACK finds the largest singular value faster than Lanczos' method
+SMALL = 150  # matrix size up to which LAPACK finds the largest singular value faster than Lanczos' method
 UNCERTAIN = 1e10  # condition number of the modes beyond which round-off spoils the result
 SYMMETRIC = 1e-13  # largest asymmetry of a symmetric matrix, over its largest entry
 PAIRS = 8  # number of pairs of nearly coinciding modes whose beats are examined
@@ -88,11 +88,11 @@ def transient_growth(
 ) -> TransientGrowth:
     """Largest transient growth sup_t ‖exp(Bt)‖ of the motion M q̈ = J q + C q̇ of a packing with a stable spectrum.
 
-    Eigenvalues describe the long-time behaviour. J is not symmetric and its modes are not orthogonal, so their sum may
-    grow at first. Neither norm can grow if J is symmetric; all growth is due to the curl of friction.
+    Eigenvalues describe the long-time behaviour. J is not symmetric and its modes are not orthogonal, so a sum of modes
+    may grow at first. Neither norm can grow if J is symmetric; all growth is due to the curl of friction.
 
     A run of 12 disks with a thirtieth of `stable_time_step` went from a small `start` to within 0.8 % of `end`; the
-    difference falls with the square of the time step (`tests/modes/test_transient.py`).
+    difference is proportional to the square of the time step (`tests/modes/test_transient.py`).
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def _invert(vectors: np.ndarray) -> np.ndarray:
 
 def raise_unstable(rate: float) -> None:
     """Raise ValueError for a growing mode."""
-    raise ValueError(f"the packing is unstable and grows as exp({rate:.4g} t): a stable packing is needed")
+    raise ValueError(f"the packing is unstable, with growth as exp({rate:.4g} t): a stable packing is needed")
 
 
 def _normalise_modes(exponents, modes, norms, parts) -> _ModalMotion:

@@ -92,7 +92,7 @@ def trigger_amplitude(
         raise ValueError("the law has smooth friction, so contacts never reach the Coulomb limit: use coulomb='sharp'")
     motion = forced_motion(state, law, drag, spin_drag)
     if count := len(motion.here.at_limit):
-        raise ValueError(f"{pluralize(count, 'contact')} at the Coulomb limit: any disturbance moves them")
+        raise ValueError(f"{pluralize(count, 'contact')} at the Coulomb limit: any disturbance can make them slide")
     if frequency is not None:
         if dynamics and not motion.drag.diagonal().any():
             raise ValueError(
@@ -100,7 +100,7 @@ def trigger_amplitude(
             )
         still, moving, prescribed = motion.drives(drive)
         x = motion.all_coordinates(solve_at(motion, [frequency], still[:, 0], moving[:, 0]), prescribed)[:, 0]
-        turns = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None]  # during a period
+        turns = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None]  # phases of a period
         ways = (turns * np.stack([x, 1j * frequency * x])[:, None]).real
     else:
         times, factors = np.asarray(times, float), np.asarray(factors, float)

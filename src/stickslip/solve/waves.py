@@ -66,7 +66,7 @@ class WaveSpectrum(NamedTuple):
 
     wavevector: np.ndarray  # (K, dim) k [1/length]
     exponent: np.ndarray  # (M,) complex s of all modes except translations [1/time]
-    weight: np.ndarray  # (K, p, M) complex weights for P, S, …, R; their sum is one minus the part of translations
+    weight: np.ndarray  # (K, p, M) complex weights for P, S, …, R; their sum is one minus the share of translations
     pair: np.ndarray  # (M,) True for modes of complex pairs, by Im s² if undamped, and otherwise by their growth
 
     def structure_factor(self, frequency: Numbers, width: float = 0.0) -> np.ndarray:
@@ -75,7 +75,7 @@ class WaveSpectrum(NamedTuple):
         Parameters
         ----------
         frequency : (F,) ω [1/time]
-        width : rate that widens each peak [1/time]; without damping, peaks have no width, and this one is needed
+        width : rate that widens each peak [1/time]; without damping, peaks are infinitely sharp, and a width is needed
         """
         require_not_negative(width=width)
         decay = width - self.exponent.real
@@ -118,12 +118,12 @@ def dispersion(
 
     For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by the response of p coupled damped
     oscillators, (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀. For P and S, s₀ is √Re⟨P|A|P⟩;
-    for R it is √Re⟨R|A|R⟩ of the first R, or the s₀ of P if ⟨R|A|R⟩ is not positive, or √max|A| if neither is. The
+    for R, it is √Re⟨R|A|R⟩ of the first R, or the s₀ of P if ⟨R|A|R⟩ is not positive, or √max|A| if neither is. The
     branches are poles of this response, chosen among the p poles with the largest Im s: with the first s₀, the poles
     whose vectors have the largest shares in P and S, and with the second, those with the largest shares in R.
 
     A = −M^(−1/2) J M^(−1/2) and D = ν − M^(−1/2) C M^(−1/2), in the coordinates of `backbone`. The column of P in W is
-    √m k̂ exp(ik·r) over its norm; the column of S has a unit vector across k in place of k̂, and that of R is √I e
+    √m k̂ exp(ik·r), normalised; the column of S has a unit vector across k in place of k̂, and that of R is √I e
     exp(ik·r), where I is the moment of inertia. Common translations are not removed from W or A.
 
     In a lattice with one grain per cell, the plane waves are invariant under A and D, and the poles are exact. In a
