@@ -238,7 +238,7 @@ def measure_array(law: Law) -> dict[str, float | str]:
 
 
 def measure(report: Report = silent, *, with_wings: bool = True) -> dict[str, float | str | Selfcheck]:
-    """Measured numbers by name, for wings with the expected values; errors are stored under the key `PROBLEM`."""
+    """Measured numbers by name, those of wings with expected values; errors are stored under the key `PROBLEM`."""
     law = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1)
     numbers: dict[str, float | str | Selfcheck] = {}
     groups: dict[str, Callable[[], dict]] = {

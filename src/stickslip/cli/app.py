@@ -149,7 +149,7 @@ class EngineOptions(NamedTuple):
     ] = None
 
     def values(self) -> dict:
-        """Values by name of the options that were used; raise ValueError for an unknown engine."""
+        """Specified options as a dictionary; raise ValueError for an unknown engine."""
         if self.engine is not None:
             check_choice("engine", self.engine, ENGINES)
         return {name: value for name, value in self._asdict().items() if value is not None}

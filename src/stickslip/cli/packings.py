@@ -160,9 +160,9 @@ def stability(
     For cemented grains, it also finds decisive bonds, and the first to break under growing strains, by linear response.
 
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. A search in more
-    than 15,000 spheres takes minutes. It is saved in this folder, in a file named after FILE with -search.npz, and the
-    same command continues it. Exit codes: 0 stable or unstable, 1 analysis or settling failed, 2 bad input, 3 no
-    verdict: not in equilibrium, or undecided.
+    than 15,000 spheres takes minutes. It is saved in this folder as FILE-search.npz, and the same command continues it.
+    Exit codes: 0 stable or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or
+    undecided.
     """
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings
@@ -440,5 +440,5 @@ def movie(
 
 
 def _input_files(place: Path, view: ViewOptions, options: PackingOptions) -> tuple:
-    """Input files of a command."""
+    """Files that a command reads."""
     return place, view.modes, options.contacts, options.law

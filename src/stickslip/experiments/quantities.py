@@ -39,7 +39,7 @@ class Estimate(NamedTuple):
 
 
 def estimate(values) -> Estimate:
-    """Mean of independent values and half of its 95 % interval by Student's t; NaN if any value is NaN.
+    """Mean of independent values and half the width of its 95 % interval by Student's t; NaN if any value is NaN.
 
     Examples
     --------
@@ -197,7 +197,7 @@ class Measures(Quantities):
         return reduced
 
     def __call__(self, result) -> dict[str, tuple[float, str]]:
-        """Return {name: (value, unit)}; estimates also have `name_error`, half of their 95 % interval."""
+        """Return {name: (value, unit)}; estimates also have `name_error`, half the width of their 95 % interval."""
         out = {}
         for name, value in self.of(result).items():
             unit, known = self.row(name).unit, isinstance(value, Estimate)
@@ -206,7 +206,7 @@ class Measures(Quantities):
         return out
 
     def finite_values(self, result) -> dict[str, Any]:
-        """Values that are finite."""
+        """Finite values of a result by name."""
         values = self.of(result)
         return {k: v for k, v in values.items() if np.isfinite(v.mean if isinstance(v, Estimate) else v)}
 

@@ -111,11 +111,11 @@ class Realizations(NamedTuple):
 
     results: list[Any]  # None where a realisation failed
     labels: list[str]  # labels of the tasks
-    reasons: list[str | None]  # reason of each failure, None elsewhere
+    reasons: list[str | None]  # reason for each failure, None elsewhere
 
     @property
     def sentences(self) -> list[str | None]:
-        """Label and reason of each failure, None elsewhere."""
+        """Sentence with label and reason for each failure, None elsewhere."""
         return [reason and f"{label}: {reason}" for label, reason in zip(self.labels, self.reasons, strict=True)]
 
     @property
@@ -255,7 +255,7 @@ class Together:
     def __init__(self, device: Device, members: int):
         self.device, self.members = device, members
         self.waiting: list[_Waiting] = []
-        self.stopped = False  # set it to run no more legs
+        self.stopped = False  # set to True to run no more legs
         self.change = Condition()
         self.turn = Lock()  # callers that do not wait take turns, as some of their work must not run concurrently
 
@@ -290,7 +290,7 @@ class Together:
             if self.stopped:
                 raise RuntimeError("the run was stopped")
             outcomes = run_systems([one.system for one in waiting], self.device)
-        except Exception as problem:  # each caller raises it
+        except Exception as problem:  # raised in each caller
             outcomes = [problem] * len(waiting)
         for one, outcome in zip(waiting, outcomes, strict=True):
             one.outcome = outcome

@@ -57,7 +57,7 @@ _Failure = Annotated[Any, Result("Failure", ("steps", "events", "onset", "foreca
 _Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
 LOOK = {"elastic": (SKY, "-", 4.0), "dipole": (GREEN, "-", 2.0), "odd": (RED, ":", 1.4)}  # visible where they coincide
 MARKED = 80  # largest number of points that are drawn with markers
-ROOM = 1.5  # largest extension of an axis beyond its curves, as a factor, to show a mark
+ROOM = 1.5  # largest factor by which an axis is extended beyond its curves to show a mark
 
 
 @styled
@@ -350,12 +350,12 @@ def forces(source: Source, law: Law | None = None, *, title: str = ""):
 
     Pairs that pull, such as bonded ones, are counted and drawn separately. Networks of spheres are viewed along the
     intermediate principal stress; their rose counts contacts within 30° of the plane of the other principal stresses.
-    Curves in the rose have the anisotropies of `measure.force_anisotropy`.
+    Curves in the rose follow from the anisotropies of `measure.force_anisotropy`.
 
     Parameters
     ----------
     source : accepted state, or measured forces from `io.read_forces`
-    law : Law of a state; None for measured forces
+    law : contact law of the state; None for measured forces
     """
     net = force_network(source, law)
     if not _is_enough(net):
@@ -455,7 +455,7 @@ def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceC
         (strong.cluster, RED, 4, f"above it, cluster of {len(strong.grains)} of {grains} grains"),
         *([(pulls, PURPLE, 3, "pulling")] if pulls.any() else []),
     ):
-        ends = [np.stack([start[rows], start[rows] - reach[rows] / 2], axis=1)]  # half lines, as images may be far away
+        ends = [np.stack([start[rows], start[rows] - reach[rows] / 2], axis=1)]  # halves of lines, as images may be far
         if (other := rows & inner).any():
             far = position[net.pair_j[other]]
             ends.append(np.stack([far, far + reach[other] / 2], axis=1))

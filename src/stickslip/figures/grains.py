@@ -36,13 +36,13 @@ from .style import BLACK, BLUE, BOND, BROKEN, PURPLE, RED, WIDTH, label_axes, st
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
 NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
-SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front
+SLABS = 32  # number of depth slabs of balls and pieces of lines, drawn from back to front
 PIECES = 6  # largest number of pieces of a contact line, each in its own slab
 SHINING = 2000  # number of grains up to which balls have a highlight, which would be invisible on smaller balls
-SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
-BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension; lines between balls must be visible
+SHINE = (-0.35, 0.4, 0.3)  # position and size of the highlight on a ball, over its radius
+BALL = {2: 1.0, 3: 0.6}  # ratio of drawn to true radius, by dimension; lines between balls must be visible
 THICK = 1.1  # line width of a contact with the mean force [points], unless `THIN` limits it
-CASING = 0.7  # additional width of the white lines beneath those on coloured grains [points]
+CASING = 0.7  # additional width of the white lines beneath contact lines on coloured grains [points]
 CEMENT = 3.0  # width of a bond over that of a contact with the mean force
 THIN = 0.1  # largest line width of such a contact over the mean diameter, so that lines do not hide the grains
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker

@@ -44,7 +44,7 @@ def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] 
 
 
 def pictures(shown: dict[str, bytes]) -> str:
-    """Embedded pictures (PNG or GIF), keyed by caption."""
+    """HTML with embedded pictures (PNG or GIF), given by caption."""
     out = []
     for caption, content in shown.items():
         text, kind = escape(caption[:1].upper() + caption[1:]), "gif" if content.startswith(b"GIF8") else "png"
@@ -54,7 +54,7 @@ def pictures(shown: dict[str, bytes]) -> str:
 
 
 def listing(text: str) -> str:
-    """Preformatted text."""
+    """HTML of preformatted text."""
     return f"<pre>{escape(text)}</pre>"
 
 

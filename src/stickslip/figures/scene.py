@@ -86,7 +86,7 @@ def outside(place: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def outside_words(count: int) -> str:
-    """Sentence on grains outside a view."""
+    """Sentence on the number of grains outside a view."""
     return f"{pluralize(count, 'grain')} {'is' if count == 1 else 'are'} outside the view"
 
 
@@ -214,7 +214,7 @@ def _by_grain(frame: Frame, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 def _pressure(frame: Frame) -> np.ndarray:
     c, radius, dim = frame.contacts, frame.state.grains.radius, frame.state.cell.dim
-    force = c["force_n"] * np.linalg.norm(c["branch"], axis=1)  # f·l: tangential forces have no part along the branch
+    force = c["force_n"] * np.linalg.norm(c["branch"], axis=1)  # f·l, as tangential forces are normal to the branch
     other = np.where(c["j"] < len(radius), radius[np.minimum(c["j"], len(radius) - 1)], 0.0)
     share = radius[c["i"]] / (radius[c["i"]] + other)
     volume = np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3
@@ -222,7 +222,7 @@ def _pressure(frame: Frame) -> np.ndarray:
 
 
 SMOOTH = 3000  # largest number of grains with antialiasing, which is slow without a graphics card
-MOST = 24e6  # size of the frames in a page, before compression [bytes]
+MOST = 24e6  # largest size of the frames in a page, before compression [bytes]
 WIDTHS = (0.5, 1.0, 2.0, 4.0)  # widths of contact lines; also the upper limits of force over its mean, except the last
 LINE = {2: 0.22, 3: 0.07}  # line width of a contact with the mean force, over the mean radius
 LINES = {"stick": BLUE, "slide": RED, "bond": BOND, "broken": BROKEN}  # names and colours of lines
@@ -339,7 +339,7 @@ def view_data(
 
 
 def _describe_quantity(name: str, series: list[tuple[np.ndarray, str]]) -> dict:
-    """Name, unit and range of a quantity; for the material also `kinds`, the values with separate colours."""
+    """Name, unit and range of a quantity; for the material, also `kinds`, the values with separate colours."""
     values = np.concatenate([v for v, _ in series]).astype(float)
     low, high = float(values.min()), float(values.max())
     if name == "material":

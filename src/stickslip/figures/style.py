@@ -38,7 +38,7 @@ SLIDE_PIXELS = 1920  # width of figures on slides
 SLIDE_MOVIE, SLIDE_DPI = (5.12, 2.88), 250  # canvas of a movie on slides [inches], of 1280 × 720 pixels
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, SKY, BLACK = "#CC79A7", "#56B4E9", "#000000"
-BOND, BROKEN = "#C9A66B", PURPLE  # lines of bonds, under those of contacts
+BOND, BROKEN = "#C9A66B", PURPLE  # colours of bonds, which are drawn under contacts
 COLORS = (BLUE, SKY, GREEN, ORANGE, RED, PURPLE, BLACK)
 STYLE = {
     "figure.dpi": 200,
@@ -89,7 +89,7 @@ def common_style(**more):
 
 
 def styled(function):
-    """Decorate a drawing function to use the common style; its arguments are checked."""
+    """Decorate a drawing function so that it uses the common style and checks its arguments."""
     drawn = checked(function)
 
     @wraps(function)
@@ -211,7 +211,7 @@ def label_axes(
 
     All axes of figures are labelled by this function. Linear axes get as many ticks as fit side by side; if their
     numbers are large or small, a power of ten moves to the label, as in "strain [10⁻⁵]". Logarithmic axes of little
-    more than a decade also show 2 and 5.
+    more than a decade also have labels at 2 and 5.
     """
     for name, label in (("x", x), ("y", y), ("z", z)):
         if label is None:

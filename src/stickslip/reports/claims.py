@@ -373,7 +373,7 @@ def count_sentences(claims: list[Claim]) -> tuple[int, int]:
 
 
 def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str, str]:
-    """Return three sentences: numbers of decided sentences and reproduced claims, and reasons for the others."""
+    """Return three sentences: counts of decided sentences and reproduced claims, and the reasons for the others."""
     own = [c for c in claims if not variant(c)]
     total, decided = count_sentences(claims)
     judged = [c for c in own if c.verdict != NO_REFERENCE]
@@ -428,7 +428,7 @@ def _quote(made: Claim) -> str:
 
 
 def figure_lines(claims: list[Claim], shows: Shows) -> list[tuple[str, str, str, str]]:
-    """Return a line per figure of the paper: name, content, number of reproduced rows, key number."""
+    """Return a line per figure of the paper: name, content, number of reproduced rows, and key number."""
     out = []
     for name, (content, key) in shows.items():
         here = [c for c in claims if place(c) == name]

@@ -37,7 +37,7 @@ UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
 SHOWN = 12  # largest number of modes in a list, and of pairs of materials
 MOST_KINDS = 20  # largest number of types of grains, or walls, whose laws are described
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
-SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
+SETTLE_TOLERANCE = 1e-10  # largest residual of a settled packing, over the mean normal contact force
 LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
 
 
@@ -125,7 +125,7 @@ def let_settle(state: State, law: Law) -> tuple[State, Settling]:
 
 
 def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
-    """Return the verdict in one sentence, which mentions settling.
+    """Return the verdict in one sentence, which mentions settling, if any.
 
     The verdict takes account of notes about actions on the grains that were not imported, and about missing data.
     """

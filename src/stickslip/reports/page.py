@@ -60,7 +60,7 @@ class PageContent(NamedTuple):
     frames: list[Frame]
     labels: list[str]
     at: int  # index of the frame that `modes` belong to
-    modes: list  # translation, rotation, exponent of each, the fastest first
+    modes: list  # translation, rotation and exponent of each mode, fastest first
     sections: list[tuple[str, str]]  # heading and HTML, without the view
     without: str = ""  # reason why there is no view in three dimensions
     warning: str = ""  # prominent warning: no equilibrium, or a settled packing
