@@ -150,7 +150,7 @@ def _compare(target: Value, measured: Value, tolerance: float, error: float | No
     if isinstance(target, bool) or isinstance(measured, bool):
         if not (isinstance(target, bool) and isinstance(measured, bool)):
             raise ValueError(
-                f"the measured value {measured!r} cannot be compared with the printed {target!r}: compare statements "
+                f"the measured value {measured!r} cannot be compared with the value {target!r}: compare statements "
                 "with statements"
             )
         holds = NOT_REFUTED if quantifier == ALWAYS else REPRODUCED
@@ -159,7 +159,7 @@ def _compare(target: Value, measured: Value, tolerance: float, error: float | No
         measured and isinstance(target, list) and len(measured) != len(target)
     ):
         raise ValueError(
-            f"the measured value {measured!r} cannot be compared with the printed {target!r}: compare windows of the "
+            f"the measured value {measured!r} cannot be compared with the value {target!r}: compare windows of the "
             "same length"
         )
     if isinstance(target, list):

@@ -274,7 +274,7 @@ def show(
     Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if the file contains little
     else.
     """
-    # data read, then assumptions; omissions are part of the verdict
+    # print the data read, then the assumptions; omissions are part of the verdict
     for note in notes:
         if not isinstance(note, Assumption):
             console.print(note, style="yellow")

@@ -49,10 +49,10 @@ from .stability import DENSE_UP_TO, stability
 
 NEAR_BIRTH = 1 / 3  # largest |q|/|p| at which a pair counts as near its birth
 MOST_DETUNED = 0.5  # relative change of β if the second harmonic grows with the pair
-PHASES = 24  # points per period of the mode at which contacts are examined for changes
+PHASES = 24  # number of points per period of the mode at which contacts are examined for changes
 LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # search for changes: factor between amplitudes, accuracy, first amplitude
 AFTER = 1.5  # largest amplitude of the harmonic balance, over that at which a contact is lost in linear growth
-TIMES = 32  # points per period in the harmonic balance; there are at most a third as many harmonics
+TIMES = 32  # number of points per period in the harmonic balance; there are at most a third as many harmonics
 SAMPLES = 36  # number of amplitudes at which the growth rate is computed
 MOST_ROUNDS, SETTLED = 60, 1e-8  # harmonic balance: largest number of iterations, and relative change that ends them
 LARGEST = 1.0  # ratio of slaved motion to motion along the mode above which the harmonic balance is meaningless

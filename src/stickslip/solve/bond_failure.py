@@ -19,7 +19,7 @@ from .linear import suitable_threads
 from .moduli import VOIGT, ElasticModuli, elastic_moduli
 from .sensitivity import assess
 
-HALVINGS = 80  # bisections in the search for the amount of load that breaks a bond
+HALVINGS = 80  # number of bisections in the search for the amount of load that breaks a bond
 NEVER = 1e100  # larger amounts occur only for bonds of unlimited strength, which never break
 
 
@@ -31,9 +31,9 @@ class FirstBreak(NamedTuple):
     """
 
     amount: np.ndarray  # (K,) amount at which each bond breaks; infinite if it never does or is already broken
-    failure: np.ndarray  # (K,) index in `FAILURES` of the load that breaks each one
-    i: np.ndarray  # (K,) grains
-    j: np.ndarray  # (K,)
+    failure: np.ndarray  # (K,) index in `FAILURES` of the load that breaks each bond
+    i: np.ndarray  # (K,) first grain of each bond
+    j: np.ndarray  # (K,) second grain of each bond
     strain: np.ndarray  # (dim, dim) displacement gradient, extension positive [1]
     stress: np.ndarray  # (dim, dim) compression positive [force/length^(dim−1)]
 
@@ -180,11 +180,11 @@ class DecisiveBonds(NamedTuple):
     eigenvalue: complex  # λ that grows fastest or, if none grows, the softest [1/time²]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
     bond: np.ndarray  # (K,) number of the bond
-    i: np.ndarray  # (K,) grains
-    j: np.ndarray  # (K,)
+    i: np.ndarray  # (K,) first grain of the bond
+    j: np.ndarray  # (K,) second grain of the bond
     derivative: np.ndarray  # (K,) ∂λ/∂ln s for a factor s on the stiffness of the bond, complex [1/time²]
     share: np.ndarray  # (K,) load of the bond over its strength
-    verdict_after: np.ndarray  # (K,) after the bond breaks, before forces find a new balance; empty if not computed
+    verdict_after: np.ndarray  # (K,) once the bond has broken, before forces find a new balance; empty if not computed
     growth_after: np.ndarray  # (K,) growth rate of the fastest mode after the break [1/time]; NaN if not computed
 
 

@@ -39,7 +39,7 @@ BALANCED = 5e-14  # default tolerance, in natural units of force
 # residuals over the mean normal force at which Newton's method is tried again after damped dynamics
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
 SHARES = (3e-1, 1e-2, 3e-4)  # the same, as fractions of the residual at which Newton's method stalled
-FEW = 3000  # steps of damped dynamics in a stage before dynamics starts again from the beginning of the load step
+FEW = 3000  # largest number of steps in a stage of damped dynamics that continues from where Newton's method stalled
 PATIENCE = (8, 1)  # numbers of slow steps in small and in large systems, see `patience_for`
 CHECKED = 12  # number of softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # damped dynamics: drag over the highest frequency, and time step times this frequency

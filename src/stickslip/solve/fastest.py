@@ -35,7 +35,7 @@ ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero
 ALONE = 100.0  # ratio of Im λ to the residual at which filtering ends, for a pair that is not refined
 DENSE_BELOW = 1500  # number of coordinates for which LAPACK takes two seconds
 EFFORT = Effort()
-REFINED_UP_TO = 30_000  # coordinates beyond which a pair keeps the precision of the filters, to save a factorisation
+REFINED_UP_TO = 30_000  # number of coordinates above which a pair is not refined further, to save a factorisation
 
 
 class ShiftWindow(NamedTuple):

@@ -30,8 +30,8 @@ class ForceNetwork(NamedTuple):
     dim: int
     position: np.ndarray  # (N, 3) positions of grains [length]
     radius: np.ndarray  # (N,) [length]
-    pair_i: np.ndarray  # (C,) grains
-    pair_j: np.ndarray  # (C,) grains, or walls from N on
+    pair_i: np.ndarray  # (C,) number of the first grain i
+    pair_j: np.ndarray  # (C,) number of the second grain j, or of a wall, from N on
     branch: np.ndarray  # (C, 3) vectors from j, or from the surface of a wall, to i [length]
     normal: np.ndarray  # (C, 3) unit vectors along `branch`
     force: np.ndarray  # (C, 3) force on i [force]

@@ -28,7 +28,7 @@ DENSE_BELOW = 700  # number of coordinates below which LAPACK is faster than a s
 RESTART = 100  # number of vectors that GMRES stores
 Solve = Callable[[np.ndarray], np.ndarray]
 LEAF = 24  # number of bodies in a part that nested dissection does not divide further
-HUB = 8  # bodies with this many times the mean number of neighbours, such as walls, are eliminated last
+HUB = 8  # bodies with more than this multiple of the mean number of neighbours, such as walls, are eliminated last
 FACTORS_UP_TO = 90_000  # number of coordinates; factors for 60,000 take 3 GiB, those for 120,000 take 7 GiB
 
 
@@ -182,7 +182,7 @@ def iterate(matrix, b: np.ndarray, precondition: Solve, relative: float, limit: 
 class Dissection(NamedTuple):
     """Order of elimination: one entry for each part, children before their parents."""
 
-    pivots: list[np.ndarray]  # coordinates eliminated with each part
+    pivots: list[np.ndarray]  # coordinates that are eliminated with each part
     children: list[list[int]]
 
 

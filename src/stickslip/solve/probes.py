@@ -26,8 +26,8 @@ from ..core.library import core
 from ..core.progress import Report
 from .pairs import format_seconds
 
-ROWS = 3  # rows of a block: three displacements, three rotations, or both kinds in two dimensions
-LANES = 16  # vectors that are advanced together: one register of AVX-512, two of AVX2, four of NEON
+ROWS = 3  # number of rows of a block: three displacements, three rotations, or both kinds in two dimensions
+LANES = 16  # number of vectors advanced together: one register of AVX-512, two of AVX2, four of NEON
 SPANS = 8  # number of power spectra per run; growth is measured relative to the first
 BUCKETS = 16  # number of random sums of coordinates recorded for each probe
 FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mean power

@@ -48,13 +48,13 @@ class ContactSensitivity(NamedTuple):
     growth_rate: float  # growth rate of the fastest-growing mode, 0 if none grows [1/time]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
     contact: np.ndarray  # (K,) row of the contact list for each change
-    i: np.ndarray  # (K,) the bodies in contact
-    j: np.ndarray  # (K,)
+    i: np.ndarray  # (K,) first body of the contact
+    j: np.ndarray  # (K,) second body of the contact
     what: np.ndarray  # (K,) "slides", "opens", or "breaks" for a bond
     mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the unchanged contact, 1 at the Coulomb limit; NaN without friction
     predicted: np.ndarray  # (K,) growth rate after the change, from pairs of neighbouring modes; for small changes only
     after: np.ndarray  # (K,) growth rate after the change, from the full spectrum; NaN if not computed
-    verdict_after: np.ndarray  # (K,) after the change; "falls apart" if only rattlers are left; empty if not computed
+    verdict_after: np.ndarray  # (K,) verdict then; "falls apart" if only rattlers are left; empty if not computed
     scope: str  # limits of the analysis, in words
 
     @property

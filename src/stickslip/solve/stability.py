@@ -66,7 +66,7 @@ class Stability(NamedTuple):
     n: int  # number of grains
     contacts: int  # number of contacts that touch
     rattlers: np.ndarray  # numbers of the rattlers, from 0
-    residual: float  # largest unbalanced force or torque/R over the mean normal contact force; see `imbalance`
+    residual: float  # largest unbalanced force or torque/R, over the mean normal contact force; see `imbalance`
     swing: float  # force that stops the motion, over the same mean force
     pairs: np.ndarray  # (P,) complex λ with Im > 0, fastest growing first [1/time²]
     negative: np.ndarray  # (K,) real λ < 0 [1/time²]
