@@ -239,7 +239,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
 
 
 def _at_limit(here: LinearisedState) -> np.ndarray:
-    """(C,) mask of contacts at the Coulomb limit, where even smooth friction has a jump in curvature; no rattlers."""
+    """(C,) mask of contacts at the Coulomb limit, except rattlers'; smooth friction has a jump in curvature there."""
     return (here.line.closed > 0) & (here.line.slides > 0) & (here.line.limit > 0) & here.supported
 
 

@@ -184,7 +184,7 @@ class DecisiveBonds(NamedTuple):
     j: np.ndarray  # (K,) second grain of the bond
     derivative: np.ndarray  # (K,) ∂λ/∂ln s for a factor s on the stiffness of the bond, complex [1/time²]
     share: np.ndarray  # (K,) load of the bond over its strength
-    verdict_after: np.ndarray  # (K,) once the bond has broken, before forces find a new balance; empty if not computed
+    verdict_after: np.ndarray  # (K,) verdict after the break, before forces find a new balance; empty if not computed
     growth_after: np.ndarray  # (K,) growth rate of the fastest mode after the break [1/time]; NaN if not computed
 
 

@@ -321,8 +321,8 @@ def inflate(
 
     Parameters
     ----------
-    grain : number of the grain, or numbers of several grains, each inflated alone, for fits to averages over all of
-        them; default: the grain nearest to the middle. One factorisation serves all of them
+    grain : number of the grain, or numbers of several grains, which are inflated one at a time; fits use averages over
+        all of them; default: the grain nearest to the middle. One factorisation serves all of them
     growth : relative change of the radius; it must be so small that no contact opens, closes or begins to slide
     within : distance from the given centre within which other grains grow with it [length]
 

@@ -370,7 +370,7 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
     """(dim − 1, N + W, 6) weights of the tangential displacement of body i relative to body j at a contact.
 
     It is t·(u_i − u_j − (R_i angle_i + R_j angle_j) × n) along each tangent t. For disks, t is (−n_y, n_x). For
-    spheres, t is e × n and n × (e × n), both normalised, where e is the axis along which n is shortest.
+    spheres, the tangents are e × n and n × (e × n), normalised, with the axis e of the smallest component of n.
 
     Parameters
     ----------

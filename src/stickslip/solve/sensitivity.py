@@ -54,7 +54,7 @@ class ContactSensitivity(NamedTuple):
     mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the unchanged contact, 1 at the Coulomb limit; NaN without friction
     predicted: np.ndarray  # (K,) growth rate after the change, from pairs of neighbouring modes; for small changes only
     after: np.ndarray  # (K,) growth rate after the change, from the full spectrum; NaN if not computed
-    verdict_after: np.ndarray  # (K,) verdict then; "falls apart" if only rattlers are left; empty if not computed
+    verdict_after: np.ndarray  # (K,) new verdict; "falls apart" if only rattlers remain; empty if not computed
     scope: str  # limits of the analysis, in words
 
     @property

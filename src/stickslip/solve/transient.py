@@ -36,7 +36,7 @@ UNCERTAIN = 1e10  # condition number of the modes beyond which round-off spoils 
 SYMMETRIC = 1e-13  # largest asymmetry of a symmetric matrix, over its largest entry
 PAIRS = 8  # number of pairs of nearly coinciding modes whose beats are examined
 PERIODS = 20  # number of periods of the slowest mode in the default window, unless a beat is longer
-FINE = 24  # number of times tried around each of the best: between samples, then within a period on either side
+FINE = 24  # number of instants tried around each best one: between samples, then within a period on either side
 COVARIANCES_UP_TO = 400  # number of coordinates; matrices of four times this size are diagonalised within a minute
 CLOSE = 1e-6  # relative accuracy of the distance to instability
 

@@ -168,7 +168,7 @@ def _pulse_ways(motion: ForcedMotion, drive, times, factors, duration: float, dt
 
 
 def _raise_slowly(motion, drive, frequency, predicted: float, drags) -> tuple[float, tuple[int, int]]:
-    """Amplitude of steady shaking, raised in proportion to time, when a contact first reaches the limit; its bodies."""
+    """Amplitude of steadily raised shaking when a contact first reaches the limit, and the bodies of this contact."""
     reach = SLOWLY * max(2 / motion.drag.diagonal().mean(), 2 * np.pi / frequency)
     grid = np.arange(0.0, 2 * reach, 2 * np.pi / frequency / 64)
     factor = predicted * grid / reach * np.cos(frequency * grid)
