@@ -47,7 +47,7 @@ def coarse_grained(state: State, law: Law, *, width: Positive, spacing: Positive
         `density`, `packing_fraction`, `velocity`, `stress` of the elastic contact forces and `kinetic_stress` of
         velocity fluctuations, compression positive; tensors have the dimensions `component` (of the force) and
         `along` (of the branch vector). The velocity is NaN far from grains. Dimensions are x, y, z; in a tilted
-        cell they are a, b, c along its vectors, and x, y, z are coordinates. Along directions that are not periodic,
+        cell, they are a, b, c along its vectors, and x, y, z are coordinates. Along directions that are not periodic,
         the grid encloses the grains, and fields decrease to zero outside. The mean of `stress` over a periodic cell is
         `measure.stress`
 

@@ -79,8 +79,8 @@ def equilibrate(
     that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3, 3e-5,
     3e-7 and 3e-9 of the mean contact force, each stage starting at the end of the previous one; finally, this is
     repeated with weaker and weaker drag. Bonds that have reached their strength in the equilibrium then break one by
-    one, in the order of load over strength, with a new equilibrium after each. During damped dynamics, only fading
-    bonds may break.
+    one, the one with the largest load over strength first, with a new equilibrium after each. During damped dynamics,
+    only fading bonds may break.
 
     Parameters
     ----------

@@ -458,8 +458,8 @@ class VerdictProbability(NamedTuple):
 
     stable: int  # number of samples without a growing mode
     samples: int
-    low: float  # bounds of the probability that it is stable, with a confidence of 95 %
-    high: float
+    low: float  # lower bound of the probability that the packing is stable, with a confidence of 95 %
+    high: float  # upper bound of this probability
     eigenvalue: complex  # decisive λ of the given packing [1/time²]
     deviation: float  # standard deviation of Re λ, or of Im λ of a pair, to first order [1/time²]
     contact: tuple[int, int]  # bodies of the contact that contributes most to the variance

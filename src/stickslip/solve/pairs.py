@@ -34,7 +34,7 @@ CLUSTER = 0.3  # |E_ij/(d_j − d_i)| above which a similarity pass leaves two m
 WORK = 40.0  # time of a certificate over that of n³ operations in a matrix product; measured values are 38 to 44
 SIMILAR = 1e-8  # a pass with W leaves W², which is then below round-off
 LARGEST = (
-    12_000  # largest number of coordinates: four dense matrices of this size take 3 GB, and time grows with the cube
+    12_000  # largest number of coordinates: four dense matrices of this size take 3 GB, and the time grows as its cube
 )
 DENSE_BELOW = 1500  # number of coordinates below which LAPACK takes a few seconds
 # residual over the largest |λ|: target, and largest accepted value if round-off prevents the target
