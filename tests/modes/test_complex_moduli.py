@@ -103,5 +103,5 @@ def test_resonance_without_damping_is_named(disks):
     law = ss.laws.hertz_mindlin(mu=10.0)
     values = ss.spectrum(disks, law, modes=False).eigenvalues
     omega = float(np.sqrt(values[np.abs(values.imag) < 1e-12].real.max()))
-    with pytest.raises(ValueError, match=re.escape(f"at frequency = {omega:.9g} the response is unbounded")):
+    with pytest.raises(ValueError, match=re.escape(f"at frequency = {omega:.9g}, the response is unbounded")):
         ss.modes.complex_moduli(disks, law, omega)

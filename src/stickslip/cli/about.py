@@ -36,7 +36,7 @@ def example(
     overwrite: Annotated[bool, "Replace files."] = False,
     output: Output,
 ) -> None:
-    """List the examples that come with the package, or copy them: scenarios, packings, laws, LAMMPS input."""
+    """List the examples that come with the package, or copy them: scenarios, packings, laws, and LAMMPS input."""
     if names and every:
         raise ValueError("give either --all or names, not both")
     known = runs.bundled.names()
@@ -64,7 +64,7 @@ def docs(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the Markdown text of the page.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show a page of the documentation: the keys of every scenario, contact laws, files of other programs."""
+    """Show a page of the documentation: the keys of every scenario, contact laws, and files of other programs."""
     text = runs.bundled.page(page) if page else "\n".join(runs.bundled.pages())
     if as_json:
         runs.json_output.show("docs", {"pages": runs.bundled.pages(), "text": text})
@@ -82,7 +82,7 @@ def cite(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No effect: only BibTeX is printed.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Print BibTeX entries to cite for a run: this package, papers, contact laws, libraries."""
+    """Print BibTeX entries to cite for a run: this package, papers, contact laws, and libraries."""
     text = runs.bundled.bibtex(*runs.bundled.read_scenarios(scenario))
     if as_json:
         runs.json_output.show("cite", {"bibtex": text})
@@ -95,7 +95,7 @@ def doctor(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only the verdict.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check this installation: versions, threads, core, optional parts and a self-check; exit code 1 if it fails."""
+    """Check this installation: versions, threads, core, optional parts, and a self-check; exit code 1 if it fails."""
     from ..doctor import examine
 
     with reports.terminal.console_output(quiet=quiet, as_json=as_json):

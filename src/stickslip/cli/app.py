@@ -65,7 +65,7 @@ All commands: stickslip --help. One command, with examples: stickslip run --help
 
 
 def number_option(*names: str, help: str):
-    """Option whose value is a number, read as in files."""
+    """Option whose value is a number, parsed as numbers in files are."""
     return typer.Option(*names, help=help, parser=_parse_option, metavar="<float>")
 
 
@@ -149,7 +149,7 @@ class EngineOptions(NamedTuple):
     ] = None
 
     def values(self) -> dict:
-        """Given values by name; raise ValueError for an unknown engine."""
+        """Specified options as a dictionary; raise ValueError for an unknown engine."""
         if self.engine is not None:
             check_choice("engine", self.engine, ENGINES)
         return {name: value for name, value in self._asdict().items() if value is not None}
@@ -173,7 +173,7 @@ class ProcessOptions(NamedTuple):
 
 
 def _as_option(name: str, annotation):
-    """Annotation of an option named after its parameter, made from a type and a text; unchanged without a text."""
+    """Annotation of an option named after its parameter, from a type and a help text; unchanged without a text."""
     kind, (about, *choices) = getattr(annotation, "__origin__", None), getattr(annotation, "__metadata__", (None,))
     if not isinstance(about, str):
         return annotation
@@ -185,14 +185,14 @@ def _as_option(name: str, annotation):
 
 
 def command(**how):
-    """Make a function a command; fields of its parameters that are NamedTuples become options.
+    """Turn a function into a command; the fields of its parameters that are NamedTuples become options.
 
     `Annotated[bool, "Words."]` is an option named after its parameter, with these words as its help; for shell
-    completion, values and their descriptions may follow. Numbers with a fraction are read as in files.
+    completion, values and their descriptions may follow. Floats are parsed as numbers in files are.
     """
 
     def register(function):
-        """Expand the groups of a function's options, and make it a command."""
+        """Expand the groups of a function's options, and turn it into a command."""
         own = signature(function).parameters.values()
         groups = {
             p.name: p.annotation for p in own if isinstance(p.annotation, type) and hasattr(p.annotation, "_fields")
@@ -220,7 +220,7 @@ def command(**how):
 
 
 def examples(*pairs: tuple[str, str]) -> str:
-    """Help text for the end of a command's help: commands that work as typed, each with a comment."""
+    """Text for the end of a command's help: example commands that work as typed, each with a comment."""
     lines = [f"  stickslip {typed}\n      {said}" for typed, said in pairs]
     if any("examples/" in typed for typed, _ in pairs):
         lines.append("  The files in examples: stickslip example --all copies them.")
@@ -318,7 +318,7 @@ def convert_errors():
     try:
         yield
     except (ScenarioError, ArchiveError, MissingExtraError, MissingWingError):
-        raise  # bad input that is only found late: grains that do not fit, checkpoints of another run, missing extras
+        raise  # bad input that is detected late: grains that do not fit, checkpoints of another run, missing extras
     except (ValueError, ArithmeticError, MemoryError) as problem:
         raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
 
@@ -331,7 +331,7 @@ def _show_warning(message, *where, **more) -> None:
 
 
 def _raise_interrupt(number: int, _) -> None:
-    """End as after ctrl-C, with the name of the signal; a job's time limit sends SIGTERM."""
+    """Exit as after ctrl-C, with the name of the signal; SIGTERM is sent, for example, at a job's time limit."""
     raise KeyboardInterrupt(signal.Signals(number).name)
 
 
@@ -339,7 +339,7 @@ def main() -> None:
     """Run the command line; exit code 2 for bad input and 1 for a failed run, each with one sentence."""
     codecs.register_error("spelled", _transliterate)
     for name in ("stdin", "stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed: the null device, as a results file could otherwise get its descriptor
+        if getattr(sys, name) is None:  # closed: open the null device, or a results file could get its descriptor
             number = os.open(os.devnull, os.O_RDWR)
             setattr(sys, name, os.fdopen(number, "r" if name == "stdin" else "w", encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):

@@ -24,7 +24,7 @@ METHODS = {
     "auto": "by the number of grains", "fastest": "only the fastest growth", "all": "all complex pairs, cheapest way",
     "certify": "also certify real eigenvalues", "dense": "all eigenvalues", "pairs": "all complex pairs",
 }  # fmt: skip
-NO_VERDICT = 3  # exit code where there is no verdict
+NO_VERDICT = 3  # exit code if there is no verdict
 PackingFile = Annotated[
     Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
 ]
@@ -94,7 +94,7 @@ class PackingOptions(NamedTuple):
     atom_style: Annotated[str | None, "Atom style, such as sphere, if a LAMMPS data file does not name it."] = None
 
     def values(self) -> dict:
-        """Options of `read_packing`."""
+        """Options as keyword arguments of `read_packing`."""
         values = self._asdict()
         return values | {"parameters": numbers_by_name(values.pop("parameter"))}
 
@@ -160,9 +160,9 @@ def stability(
     For cemented grains, it also finds decisive bonds, and the first to break under growing strains, by linear response.
 
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. A search in more
-    than 15,000 spheres takes minutes. It is saved in this folder, to the name of FILE with -search.npz, and the same
-    command continues it. Exit codes: 0 stable or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict:
-    not in equilibrium, or undecided.
+    than 15,000 spheres takes minutes. It is saved in this folder as FILE-search.npz, and the same command continues it.
+    Exit codes: 0 stable or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or
+    undecided.
     """
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings
@@ -272,7 +272,7 @@ def convert(
 
 
 def _finish_with_notes(command: str, paths: list[Path], fields: dict, output: Output) -> None:
-    """Print the result of a command; its fields have notes and may have a verdict."""
+    """Print the result of a command; `fields` contains notes and possibly a verdict."""
 
     def show() -> None:
         if sentence := fields.get("verdict"):
@@ -349,7 +349,7 @@ def report(
     output: Output,
     options: PackingOptions,
 ) -> None:
-    """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions.
+    """Write a self-contained HTML page: claims or measures, figures, and the packing in three dimensions.
 
     With --out NAME.pdf, .png or .svg, write only the figure of the contact forces in a packing, or of measured forces:
     their distribution, force chains, the strong network, and the anisotropies of contacts and forces.
@@ -440,5 +440,5 @@ def movie(
 
 
 def _input_files(place: Path, view: ViewOptions, options: PackingOptions) -> tuple:
-    """Input files of a command."""
+    """Files that a command reads."""
     return place, view.modes, options.contacts, options.law

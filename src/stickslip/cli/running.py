@@ -1,4 +1,4 @@
-"""Commands that run experiments: reproduce a paper, run a scenario or a sweep, resume a stopped run."""
+"""Commands that run experiments: reproduce a paper, run a scenario or a sweep, and resume a stopped run."""
 
 import sys
 from collections.abc import Callable
@@ -84,7 +84,7 @@ def reproduce(
     drawing: FigureOptions,
     output: Output,
 ) -> None:
-    """Run a paper's experiment end to end: figures, raw numbers, a verdict on every claim (claims.md, claims.png)."""
+    """Run a paper's experiment: figures, raw numbers, and a verdict on every claim (claims.md, claims.png)."""
     check_choice("experiment", experiment, _papers())
     look = drawing.look()
     size = {"quick": quick, "full": full, "paper-size": paper_size}
@@ -128,7 +128,7 @@ def _working_in(folder: Path, output: Output):
 
 
 def _note_levels(folder: Path) -> None:
-    """Print a note on checkpoints computed by the core for other processors."""
+    """Print a note if checkpoints were computed with a build of the core for other processors."""
     from ..data.checkpoint import note_on_levels
 
     if note := note_on_levels(folder):
@@ -169,7 +169,7 @@ class SweepOptions(NamedTuple):
     ] = None
 
     def numbers(self) -> tuple[int, int] | None:
-        """K and N of the part."""
+        """K and N of `--part K/N`; None without this option."""
         if self.part is None:
             return None
         k, _, n = self.part.partition("/")
@@ -197,7 +197,7 @@ def run(
     drawing: FigureOptions,
     output: Output,
 ) -> None:
-    """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders, faults."""
+    """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders, and faults."""
     from ..data.law_schema import check_law_files, trust_law_files
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
@@ -325,7 +325,7 @@ def resume(
         if runs.folder.find_unfinished(folder) is None:
             return finished()
         with _working_in(folder, output):
-            saved = runs.folder.find_unfinished(folder)  # again, because another process may have finished in between
+            saved = runs.folder.find_unfinished(folder)  # again, because another process may have finished the run
             if saved is None:
                 return finished()
             tables = saved.sweep or saved.scenario.model_dump()

@@ -1,4 +1,4 @@
-"""Experiments: one package each, found in the heads of wings, with its scenario, its result and its simulation.
+"""Experiments: each is a package with its scenario, its result and its simulation, listed in the head of a wing.
 
 EXPERIMENTS, Experiment     the list of experiments, and the description of one
 ScenarioError       raised for an invalid scenario, with a one-sentence message

@@ -23,7 +23,7 @@ from ..core.tables import write_table
 from ..core.units import Fields, heading, in_readable_units, meanings_of, unit_name, units_of
 
 NAN = float("nan")
-ERROR = "_error"  # ending of the name of half a 95 % interval
+ERROR = "_error"  # ending of the name of the half-width of a 95 % interval
 
 
 class Estimate(NamedTuple):
@@ -39,7 +39,7 @@ class Estimate(NamedTuple):
 
 
 def estimate(values) -> Estimate:
-    """Mean of independent values and half of its 95 % interval by Student's t; NaN if any value is NaN.
+    """Mean of independent values and half the width of its 95 % interval by Student's t; NaN if any value is NaN.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def estimate(values) -> Estimate:
 
 
 def median(values) -> float:
-    """Median of the finite values; NaN without any."""
+    """Median of the finite values; NaN if there are none."""
     good = [float(value) for value in values if np.isfinite(value)]
     return float(np.median(good)) if good else NAN
 
@@ -72,7 +72,7 @@ class Quantity(NamedTuple):
     # function of the subject, or its attribute (by default `name`); "packed.pressure" is NaN if `packed` is None
     of: Callable[[Any], Any] | str = ""
     label: str = ""  # label of axes; by default, the name in words
-    partial: bool = False  # whether means skip samples without this quantity; otherwise they are NaN if one lacks it
+    partial: bool = False  # True if means skip samples without this quantity; otherwise, they are NaN if one lacks it
 
     def at(self, subject) -> dict[str, Any]:
         """Values of a subject by name: one value, one for each condition such as a load, or none."""
@@ -125,7 +125,7 @@ class Quantities(dict[str, Quantity]):
         return Fields(values, **{name: self.row(name).unit for name in values})
 
     def write(self, path: Path, subjects: Iterable, **options) -> None:
-        """Write a CSV file with a row for each subject, or for each instant of its series; options of `write_table`."""
+        """Write a CSV file with a row for each subject or each instant of its series; `options` as in `write_table`."""
         tables = [self.of(subject) for subject in subjects]
         names = [*dict.fromkeys(chain(*tables))] or [*self]
         headings = [heading(name, self.row(name).unit) for name in names]
@@ -144,7 +144,7 @@ class Quantities(dict[str, Quantity]):
 
 
 def quantities_of(kind: type, *names: str) -> Quantities:
-    """Fields of a NamedTuple, all or those of these names, with the units and meanings beside their definitions."""
+    """Fields of a NamedTuple, all or only those named, with units and meanings from the comments on them."""
     units, meanings = units_of(kind), meanings_of(kind)
     return Quantities(Quantity(name, units.get(name, "1"), meanings.get(name, "")) for name in names or kind._fields)
 
@@ -156,7 +156,7 @@ def _cell(value) -> str:
 
 
 def _rows(values: list) -> Iterable[tuple]:
-    """Rows of one subject, whose values are repeated beside its series."""
+    """Rows of one subject; single values are repeated in each row of its series."""
     if not any(np.ndim(value) for value in values):
         return [tuple(int(value) if isinstance(value, bool) else value for value in values)]
     (length,) = {len(value) for value in values if np.ndim(value)}
@@ -169,7 +169,7 @@ class Measures(Quantities):
     Parameters
     ----------
     rows : quantities of a result, of its `subject`, or of one of its samples
-    subject : function of the result; its value has the quantities
+    subject : function of the result that returns the object with the quantities
     samples : function of the result that returns its samples
     over : function of the values of all samples, such as `estimate`, `median` or `np.mean`; without `samples`, of the
     values of each quantity
@@ -197,7 +197,7 @@ class Measures(Quantities):
         return reduced
 
     def __call__(self, result) -> dict[str, tuple[float, str]]:
-        """Return {name: (value, unit)}; estimates also have `name_error`, half of their 95 % interval."""
+        """Return {name: (value, unit)}; estimates also have `name_error`, half the width of their 95 % interval."""
         out = {}
         for name, value in self.of(result).items():
             unit, known = self.row(name).unit, isinstance(value, Estimate)
@@ -206,7 +206,7 @@ class Measures(Quantities):
         return out
 
     def finite_values(self, result) -> dict[str, Any]:
-        """Values that are finite."""
+        """Finite values of a result by name."""
         values = self.of(result)
         return {k: v for k, v in values.items() if np.isfinite(v.mean if isinstance(v, Estimate) else v)}
 

@@ -1,7 +1,7 @@
-"""Parts of all simulations: the law and the packing of a scenario, and the loop over its realisations.
+"""Parts common to all simulations: the law and the packing of a scenario, and the loop over its realisations.
 
-Realisations run in parallel and are saved; saved ones are skipped, and failures are reported. On a device, legs of
-several realisations, each in a separate thread, run side by side in one batch (`Together`).
+Realisations run in parallel and are saved; saved ones are skipped, and failures are reported. On a device, time is
+integrated in legs: those of several realisations, each in a separate thread, run as one batch (`Together`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -42,7 +42,7 @@ def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) 
     else:
         kt = 2 / 7 * chosen.kn if chosen.kt is None and chosen.kn is not None else chosen.kt
         damping_n, damping_t = chosen.damping_n or 0.0, chosen.damping_t
-        if damping_t is None:  # that of a restitution is a ratio
+        if damping_t is None:  # with a coefficient of restitution, damping_t is a ratio
             damping_t = (chosen.damping_ratio or 0.0) * (1.0 if chosen.damping in RESTITUTION else damping_n)
         law = law_by_name(
             chosen.kind, chosen.coulomb, chosen.kn, kt, chosen.mu, young=chosen.young, poisson=chosen.poisson,
@@ -94,7 +94,7 @@ def make_packing(chosen: Packing, law: Law, seed: int, tolerance: float | None =
     )
 
 
-MOST = 256  # realisations side by side on a device
+MOST = 256  # largest number of realisations side by side on a device
 
 
 class Task(NamedTuple):
@@ -111,11 +111,11 @@ class Realizations(NamedTuple):
 
     results: list[Any]  # None where a realisation failed
     labels: list[str]  # labels of the tasks
-    reasons: list[str | None]  # reason of each failure, None elsewhere
+    reasons: list[str | None]  # reason for each failure, None elsewhere
 
     @property
     def sentences(self) -> list[str | None]:
-        """Label and reason of each failure, None elsewhere."""
+        """Sentence with label and reason for each failure, None elsewhere."""
         return [reason and f"{label}: {reason}" for label, reason in zip(self.labels, self.reasons, strict=True)]
 
     @property
@@ -150,16 +150,16 @@ class Realizations(NamedTuple):
 
 
 def open_device(name: str, law: Law) -> Device:
-    """Return the device of this name.
+    """Return the device with this name.
 
     Raises
     ------
     ValueError
-        If it cannot evaluate the law, or if no device has this name.
+        If it cannot evaluate the law, or if the name is unknown.
     MissingExtraError
         If CuPy is missing.
     RuntimeError
-        If there is no such device.
+        If this machine has no such device.
     """
     from ..core.dynamics.device import open_device
 
@@ -181,7 +181,7 @@ def run_realizations(
 
     Parameters
     ----------
-    function : called as function(*arguments, report), by which it reports its progress; importable by name
+    function : called as function(*arguments, report), and importable by name; calls `report` to show its progress
     device : runs the legs of up to `MOST` tasks side by side; the function is called with an Engine as `engine`
     stage, workers, report, options : as for `run_members`
 
@@ -243,29 +243,29 @@ class _Waiting:
 
 
 class Together:
-    """Engine for several callers, each in a separate thread: waits until all have a leg, and runs these side by side.
+    """Engine for several callers, each in a separate thread: waits for a leg from each, and runs these side by side.
 
     Parameters
     ----------
     members : number of callers; each holds `turn` while it works, and calls `leave` when it has no more legs
     """
 
-    SAMPLES = 500  # number of samples of a leg, so that packing takes a small share of the time
+    SAMPLES = 500  # number of samples of a leg, so that assembling batches takes a small share of the time
 
     def __init__(self, device: Device, members: int):
         self.device, self.members = device, members
         self.waiting: list[_Waiting] = []
-        self.stopped = False  # set it to run no more legs
+        self.stopped = False  # set to True to run no more legs
         self.change = Condition()
         self.turn = Lock()  # callers that do not wait take turns, as some of their work must not run concurrently
 
     @property
     def engine(self) -> Engine:
-        """The engine."""
+        """Engine whose legs run in common batches."""
         return Engine(self._pieces, samples=self.SAMPLES)
 
     def leave(self) -> None:
-        """Wait for one caller fewer."""
+        """Remove one caller, so that the others no longer wait for it."""
         with self.change:
             self.members -= 1
             self._run_when_complete()
@@ -290,7 +290,7 @@ class Together:
             if self.stopped:
                 raise RuntimeError("the run was stopped")
             outcomes = run_systems([one.system for one in waiting], self.device)
-        except Exception as problem:  # each caller raises it
+        except Exception as problem:  # raised in each caller
             outcomes = [problem] * len(waiting)
         for one, outcome in zip(waiting, outcomes, strict=True):
             one.outcome = outcome

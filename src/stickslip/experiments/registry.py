@@ -1,6 +1,6 @@
-"""The description of an experiment, the registry of all, and scenarios read from TOML or JSON files or built in Python.
+"""Description of an experiment, registry of all experiments, and scenarios from TOML or JSON files or from Python.
 
-The description has everything that the commands, sweeps, restarts and documentation need.
+A description contains everything that the commands, sweeps, restarts and documentation need.
 """
 
 import json
@@ -58,7 +58,7 @@ class Paper(NamedTuple):
 
 
 class SweepMember(NamedTuple):
-    """Member of a sweep, for `compare` of its experiment."""
+    """Member of a sweep, as passed to `compare` of its experiment."""
 
     values: dict[str, Any]  # values of the swept keys
     measures: dict[str, tuple[float, str]]  # measures with their units; empty if the member is not finished
@@ -142,13 +142,13 @@ def table_of(experiment: Experiment):
 
 
 def meaning_of(experiment: Experiment, name: str) -> str:
-    """Meaning of a measure in a few words, if the experiment gives it."""
+    """Meaning of a measure in a few words; empty if the experiment does not state it."""
     table = table_of(experiment)
     return "" if table is None else table.row(name).meaning
 
 
 def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str]]:
-    """Return the measures of a result with their units, which are named as in its scenario."""
+    """Return the measures of a result by name, each with its value and its unit, named as in the scenario."""
     units = result.scenario.named_units
     return {name: (float(value), in_units(unit, units)) for name, (value, unit) in experiment.measures(result).items()}
 
@@ -332,7 +332,7 @@ def read_tables(path: str | Path) -> dict:
     _check_whole_numbers(tables, path)
     tables = with_laws(tables, renamed_keys) if path.suffix == ".json" else tables
 
-    def resolve(table: dict, key: str) -> dict:  # files are relative to the scenario
+    def resolve(table: dict, key: str) -> dict:  # paths are relative to the folder of the scenario
         return table | {key: str(path.parent.absolute() / table[key])} if isinstance(table.get(key), str) else table
 
     for table, key in NAMED_FILES:

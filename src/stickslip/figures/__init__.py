@@ -1,10 +1,10 @@
 """Figures: each function takes a result and returns a matplotlib Figure.
 
 Figures of an experiment are in the module `figures` of its package, such as `figures.flow.snapshots`. A notebook shows
-a figure as a picture; pyplot and its backend are not used. `figure.savefig` or `save` writes it.
+a figure as a picture; pyplot and its backend are not used. `figure.savefig` or `save` writes it to a file.
 
     save                   write a figure as PNG, PDF or SVG, one or two columns wide, with lettered panels
-    Look                   formats, width and letters of the figures of a sweep
+    Look                   formats, width and panel letters of the figures of a sweep
 
 Any packing
 
@@ -19,9 +19,9 @@ Course of an instability
     growth_by_amplitude    growth rate of a pair at finite amplitude
     response_envelopes     stress and second-order work of small strains in all directions
     dispersion             frequency and damping of waves against the wave number, with lines from the moduli
-    inclusion              displacements around an inflated grain, with elasticity and screening
+    inclusion              displacements around an inflated grain, with fits of elasticity and screening
     bursts                 amplitude of a pair in a free run, with the predicted envelopes
-    static_and_kinetic     share of kicked runs that slide and their lifetimes, with static thresholds
+    static_and_kinetic     share of kicked runs that slide, time until they do, and static thresholds
 
 Claims
 

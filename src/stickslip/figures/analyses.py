@@ -1,4 +1,4 @@
-"""Figures of analyses: growth, bursts and thresholds of sliding, probes, inflated grains, waves, contact forces."""
+"""Figures of analyses: growth, bursts and thresholds of sliding, probes, inflated grains, waves, and contact forces."""
 
 from typing import Annotated, Any
 
@@ -57,14 +57,14 @@ _Failure = Annotated[Any, Result("Failure", ("steps", "events", "onset", "foreca
 _Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
 LOOK = {"elastic": (SKY, "-", 4.0), "dipole": (GREEN, "-", 2.0), "odd": (RED, ":", 1.4)}  # visible where they coincide
 MARKED = 80  # largest number of points that are drawn with markers
-ROOM = 1.5  # largest length of an axis, over that of its curves, to show a mark beyond them
+ROOM = 1.5  # largest factor by which an axis is extended beyond its curves to show a mark
 
 
 @styled
 def failure_path(found: _Failure):
     """Stress, growth rate and softest eigenvalue along the path of a packing, with events, first pair and forecasts.
 
-    Lines are broken where the path jumps. Without a complex pair there is no growth rate.
+    Lines are broken where the path jumps. Without a complex pair, there is no growth rate.
     """
     steps, word = found.steps, {"isotropic": "pressure\n", "uniaxial": "$\\sigma_{yy}$\n"}
     strain, stress, growth, soft, pairs = (
@@ -109,7 +109,7 @@ def failure_path(found: _Failure):
 
 @styled
 def growth_by_amplitude(form: BirthForm):
-    """Growth rate of a pair against the displacement of the grain that moves most, with burst and first limit."""
+    """Growth rate of a pair against the largest displacement, with the ends of growth: a burst, or a lost contact."""
     figure, axes = column_axes(1, 2.4)
     move = np.array([form.displacement(a) for a in form.amplitudes])
     seen = np.isfinite(form.rates)
@@ -136,11 +136,10 @@ def growth_by_amplitude(form: BirthForm):
 def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Load = np.nan):
     """Shares of kicked runs that slide, and that keep sliding, against the load, with the static thresholds.
 
-    Open circles and dashed curves: runs that slid by the distance; filled circles and solid curves: runs that slid on
-    for another duration.
-    Coloured bands are 95 % intervals of the load at which half of the runs do so. The lower panel shows the median time
-    until a run had slid. The grey band contains the loads at which sliding samples stopped; `strength` is the load at
-    which the sample slides spontaneously.
+    Open circles and dashed curves show runs that slid by `found.distance`, and filled circles and solid curves those
+    that slid on for another duration. Coloured bands are 95 % intervals of the load at which half of the runs do so.
+    The lower panel shows the median time until a run had slid by this distance. The grey band contains the loads at
+    which sliding packings stopped; `strength` is the load at which the packing slides spontaneously.
     """
     figure, (axes, below) = column_axes(2, 4.0, sharex=True, height_ratios=(3, 2))
     loads = found.loads
@@ -221,7 +220,7 @@ def bursts(record: _Record, state: State, form: _Form):
 
 
 def along_mode(record, state, form) -> np.ndarray:
-    """(T,) amplitude along the mode of a pair; `record` must have all grains as probes, and `state` be at rest."""
+    """(T,) amplitude along the mode of a pair; `record` must have all grains as probes, and `state` must be at rest."""
     grains, free = state.grains, form.free
     turned = (record.angle - grains.angle) * grains.radius[:, None]
     shift = np.concatenate([record.position - grains.position, turned], axis=2)
@@ -237,7 +236,7 @@ def response_envelopes(
 ):
     """Responses of several states to probes in one plane: stress per unit strain, and second-order work by direction.
 
-    Dashed curves are the elastic part, the response if no contact slides. Red bands are directions of strain with
+    Dashed curves are the elastic part, the response if no contact slides. Red bands mark directions of strain with
     negative second-order work.
 
     Parameters
@@ -276,7 +275,7 @@ def response_envelopes(
 
 @styled
 def inclusion(field: Inflation, fits: ScreeningFits | None = None):
-    """Radial and tangential displacements around an inflated grain, with elasticity, screening and the moduli.
+    """Displacements around an inflated grain, with fits of elasticity and screening, and the prediction of the moduli.
 
     Bars are standard errors.
 
@@ -339,24 +338,24 @@ def dispersion(waves: Dispersion, speeds: np.ndarray | None = None):
 
 GREY, PALER, PALE, SAND = "#b4bac0", "#d3d8dd", "#eef1f4", "#f8dfae"
 HEIGHT = 5.6  # inches
-FEW, MANY = 6, 24  # bins of the distributions and of half the rose
+FEW, MANY = 6, 24  # smallest and largest numbers of bins of a distribution, and of half the rose
 MOST = 5.0  # multiple of the mean force above which lines do not get thicker
-SLAB = 30.0  # for spheres, largest angle between directions of the rose and its plane [degrees]
+SLAB = 30.0  # for spheres, largest angle between the plane of the rose and contacts counted in it [degrees]
 
 
 @styled
 @knows_bonds
 def forces(source: Source, law: Law | None = None, *, title: str = ""):
-    """Contact forces: distribution, lengths of force chains, strong network, and rose of contacts and normal forces.
+    """Contact forces: distribution, lengths of force chains, strong network, and a rose of contacts and normal forces.
 
     Pairs that pull, such as bonded ones, are counted and drawn separately. Networks of spheres are viewed along the
-    intermediate principal stress; their rose has contacts within 30° of the plane of the other two principal stresses.
-    Curves in the rose have the anisotropies of `measure.force_anisotropy`.
+    intermediate principal stress; their rose counts contacts within 30° of the plane of the other principal stresses.
+    Curves in the rose follow from the anisotropies of `measure.force_anisotropy`.
 
     Parameters
     ----------
     source : accepted state, or measured forces from `io.read_forces`
-    law : Law of a state; None for measured forces
+    law : contact law of the state; None for measured forces
     """
     net = force_network(source, law)
     if not _is_enough(net):
@@ -456,7 +455,7 @@ def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceC
         (strong.cluster, RED, 4, f"above it, cluster of {len(strong.grains)} of {grains} grains"),
         *([(pulls, PURPLE, 3, "pulling")] if pulls.any() else []),
     ):
-        ends = [np.stack([start[rows], start[rows] - reach[rows] / 2], axis=1)]  # halves, as images may be far away
+        ends = [np.stack([start[rows], start[rows] - reach[rows] / 2], axis=1)]  # halves of lines, as images may be far
         if (other := rows & inner).any():
             far = position[net.pair_j[other]]
             ends.append(np.stack([far, far + reach[other] / 2], axis=1))

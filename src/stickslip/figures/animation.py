@@ -20,11 +20,11 @@ from .style import SLIDE_DPI, SLIDE_MOVIE, OwnFigure, common_style, styled
 
 ENDINGS = (".gif", ".mp4")
 FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of the movie of a run [s]
-PIXELS, DPI = 900, 150  # width of the picture, up to 1.5 times as much for wide ones; type is readable at half of it
+PIXELS, DPI = 900, 150  # width of the picture (up to 1.5 times as much for wide ones); type is readable at half of it
 ROW = 0.17  # height of a row of the legend [inches]
 BITS = 6  # bits per channel of the colours from which the palette of a GIF is made
-WHITE = 247  # smallest channel value of colours shown as white: Pillow would mistake some of them for white
-STRETCH = 1.02  # gap of a contact between two stored states above which it is omitted
+WHITE = 247  # colours whose channels all reach this value become white: Pillow would mistake some of them for white
+STRETCH = 1.02  # largest length of a contact between two stored frames, over the stored length; longer ones are omitted
 
 
 @styled
@@ -62,7 +62,7 @@ def movie(
     layout = layout_of(frames, colour=colour, mode=mode, zoom=zoom)
     low, high = view_limits(layout)
     wide, tall = high - low
-    inches = PIXELS / DPI * float(np.clip(wide / tall / 1.5, 1.0, 1.5))  # a low heap is drawn wider
+    inches = PIXELS / DPI * float(np.clip(wide / tall / 1.5, 1.0, 1.5))  # a low, wide packing gets a wider picture
     dpi, settings = DPI, {"font.size": 11, "legend.fontsize": 9, "axes.labelsize": 9, "xtick.labelsize": 9}
     if slides:
         (inches, height), dpi, settings = SLIDE_MOVIE, SLIDE_DPI, {"font.size": 10, "legend.fontsize": 8}
@@ -172,11 +172,11 @@ def _find_ffmpeg() -> str:
 def frames_between(frames: list[Frame], count: int) -> list[Frame]:
     """`count` frames at equal intervals from the first stored frame to the last.
 
-    Positions and angles follow monotone cubic interpolation in time (in number, if time does not advance): smooth
+    Positions and angles follow monotone cubic interpolation in time (in frame number, if time does not advance): smooth
     curves through the stored values that do not overshoot. Cells, walls and velocities are interpolated linearly.
-    Forces of a contact in both neighbouring stored frames are interpolated; a contact in only one of them fades with
-    the distance to that frame, and is omitted while its grains are apart. Everything else is taken from the nearer
-    stored frame.
+    The force of a contact that is in both neighbouring stored frames is interpolated; a contact in only one of them
+    fades with the distance to that frame, and is omitted while its grains are apart. Everything else is taken from the
+    nearer stored frame.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ SHORT = 32  # longest label [characters]
 
 
 class Row(NamedTuple):
-    """One row of the chart."""
+    """One row of the chart of claims."""
 
     label: str
     group: str  # figure of the paper

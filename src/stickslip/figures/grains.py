@@ -36,17 +36,17 @@ from .style import BLACK, BLUE, BOND, BROKEN, PURPLE, RED, WIDTH, label_axes, st
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
 NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
-SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front
+SLABS = 32  # number of depth slabs of balls and pieces of lines, drawn from back to front
 PIECES = 6  # largest number of pieces of a contact line, each in its own slab
 SHINING = 2000  # number of grains up to which balls have a highlight, which would be invisible on smaller balls
-SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
-BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension; lines between balls must be visible
-THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
-CASING = 0.7  # additional width of the white lines beneath those on coloured grains [points]
+SHINE = (-0.35, 0.4, 0.3)  # position and size of the highlight on a ball, over its radius
+BALL = {2: 1.0, 3: 0.6}  # ratio of drawn to true radius, by dimension; lines between balls must be visible
+THICK = 1.1  # line width of a contact with the mean force [points], unless `THIN` limits it
+CASING = 0.7  # additional width of the white lines beneath contact lines on coloured grains [points]
 CEMENT = 3.0  # width of a bond over that of a contact with the mean force
-THIN = 0.1  # the greatest such width over the mean diameter, so that lines do not hide the grains
+THIN = 0.1  # largest line width of such a contact over the mean diameter, so that lines do not hide the grains
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker
-WIDEST = 100.0  # figure [inches]
+WIDEST = 100.0  # largest width of a figure [inches]
 LEGEND = 1.6  # width of a column of the legend [inches]
 ORBIT = np.exp(2j * np.pi * np.arange(49) / 48)
 
@@ -84,8 +84,8 @@ def packing(
     mode : translation, rotation and exponent, as returned by `read_mode`
     colour : one of `quantities`; without it, rattlers are white and other grains grey
     width : width of the figure [inches]
-    zoom : enlargement of the view on the grains. A few grains that have left the others, at most 5 % at each side, are
-    outside the view, as the figure notes; "all" shows every grain
+    zoom : enlargement of the view of the grains. A few grains far from the others, at most 5 % on each side, are left
+    outside the view, and the figure states their number; "all" shows every grain
 
     Returns
     -------
@@ -121,7 +121,7 @@ def packing(
 
 
 def bare_frame(state: State) -> Frame:
-    """Frame of a state with unknown law: contacts without forces."""
+    """Frame of a state whose law is unknown: its contacts have no forces."""
     c, rows = state.contacts, touching(state)
     contacts = {name: getattr(c, name)[rows] for name in ("i", "j", "mode")} | {"branch": branch_vectors(state)[rows]}
     ends = np.concatenate([contacts["i"], contacts["j"]])
@@ -219,7 +219,7 @@ def draw(
 
 
 def count_outside(frames: list[Frame], layout: Layout) -> int:
-    """Number of grains outside the view in a frame."""
+    """Number of grains outside the view in at least one frame."""
     return int(np.any([outside(_places(frame), layout.low, layout.high) for frame in frames], axis=0).sum())
 
 
@@ -230,7 +230,7 @@ def view_limits(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_disks(axes, place: np.ndarray, radius: np.ndarray, *, edgecolors: str = "0.45", **style) -> EllipseCollection:
-    """Draw disks in units of the axes, without changing their limits; return the collection."""
+    """Draw disks in data coordinates, without changing the limits of the axes; return the collection."""
     disks = EllipseCollection(
         2 * radius, 2 * radius, 0 * radius, units="xy", offsets=place, offset_transform=axes.transData,
         edgecolors=edgecolors, **style,
@@ -239,7 +239,7 @@ def draw_disks(axes, place: np.ndarray, radius: np.ndarray, *, edgecolors: str =
 
 
 def _draw_outlines(axes, lines: np.ndarray, depth: np.ndarray, dim: int, *, zorder: float, **style) -> None:
-    """Draw lines (E, 2, 3); in three dimensions in pieces between the balls, which have given depths."""
+    """Draw lines (E, 2, 3), in three dimensions in pieces between the balls, whose depths are `depth`."""
     if dim == 2 or not len(lines):
         axes.add_collection(LineCollection(lines[..., :2], zorder=zorder, **style), autolim=False)
         return
@@ -267,7 +267,7 @@ def _visible_pieces(frame: Frame, i, j, start: np.ndarray, ends: np.ndarray, wid
 
 
 def _segments(axes, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray) -> EllipseCollection:
-    """Line segments as ellipses of zero height with a common path; a `LineCollection` makes a path for each."""
+    """Line segments as ellipses of zero height with a common path, as a `LineCollection` makes a path for each line."""
     along = ends - start
     angle = np.degrees(np.arctan2(along[:, 1], along[:, 0]))
     lines = EllipseCollection(
@@ -310,7 +310,7 @@ def legend_columns(inches: float) -> int:
 
 
 def legend_handles(frame: Frame, mode: Mode | None = None, *, near: bool = True, colour: str | None = None) -> list:
-    """Lines and balls in a drawing, with their names and numbers."""
+    """Legend entries for the lines and balls in a drawing, with their names and counts."""
     sticks, slides = (int((frame.contacts["mode"] == mode).sum()) for mode in (STICK, SLIDE))
     handles = [
         Line2D([], [], color=BLUE, lw=2, label=f"contact sticks ({sticks})"),
@@ -341,7 +341,7 @@ def draw_colour_bar(figure, drawn, layout: Layout, **place) -> None:
 
 
 def _rattlers(frame: Frame) -> np.ndarray:
-    """(N,) bool, rattlers; a frame without a law is drawn as if it had friction."""
+    """(N,) bool, True for rattlers; a frame without a law is drawn as if it had friction."""
     return rattlers(frame.state, least_supports(frame.law, frame.state.cell.dim) if frame.law else 2)
 
 
@@ -372,12 +372,12 @@ def contact_segments(frame: Frame) -> np.ndarray:
 
 def _contact_lines(axes, frame: Frame, layout: Layout, place: np.ndarray, basis: np.ndarray):
     """Bodies, starts, ends, widths and colours of the lines of bonds and, in front of these, of contacts."""
-    bonds, touch = drawn_bonds(frame), frame.contacts["mode"] != OPEN  # others are bonds across gaps
+    bonds, touch = drawn_bonds(frame), frame.contacts["mode"] != OPEN  # open pairs are bonds across gaps
     c = {name: frame.contacts[name][touch] for name in ("i", "j", "branch", "mode")}
     size = np.clip(_normal_forces(frame)[touch] / layout.mean, 0.12, MOST)
     color = np.where((c["mode"] == SLIDE)[:, None], to_rgba(RED), to_rgba(BLUE))
     held = np.where(bonds["intact"][:, None], to_rgba(BOND), to_rgba(BROKEN))
-    points = (72 / axes.figure.dpi * np.array(axes.bbox.size) / (layout.high - layout.low)).min()  # per length
+    points = (72 / axes.figure.dpi * np.array(axes.bbox.size) / (layout.high - layout.low)).min()  # per unit of length
     scale = min(THICK if layout.dim == 2 else 0.8 * THICK, THIN * points * 2 * frame.state.grains.radius.mean())
     band = min(CEMENT * THICK, 2 * THIN * points * 2 * frame.state.grains.radius.mean())
     i, j, branch = (np.concatenate([bonds[name], c[name]]) for name in ("i", "j", "branch"))

@@ -6,7 +6,7 @@ from importlib.resources import files
 from string import Template
 
 MARK = "written by stickslip"  # identifies pages and movies of this package
-ROWS = 60  # largest number of rows shown of a table whose rows are all in a file
+ROWS = 60  # largest number of rows shown of a table that is also in a file
 
 
 def page(title: str, about: str, sections: list[tuple[str, str]], *, reload: int | None = None) -> str:
@@ -23,7 +23,7 @@ def page(title: str, about: str, sections: list[tuple[str, str]], *, reload: int
 def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] | None = None, file: str = "") -> str:
     """HTML table of plain text; `classes` gives the kind of each column: number, note or verdict.
 
-    If a `file` has all rows, the table shows the first `ROWS` and states how many more are there.
+    If a `file` contains all rows, the table shows the first `ROWS` and states how many more the file has.
     """
     known, more = classes or {}, len(rows) - ROWS if file else 0
     rows = rows[:ROWS] if more > 0 else rows
@@ -44,7 +44,7 @@ def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] 
 
 
 def pictures(shown: dict[str, bytes]) -> str:
-    """Embedded pictures (PNG or GIF), keyed by caption."""
+    """HTML with embedded pictures (PNG or GIF), given by caption."""
     out = []
     for caption, content in shown.items():
         text, kind = escape(caption[:1].upper() + caption[1:]), "gif" if content.startswith(b"GIF8") else "png"
@@ -54,7 +54,7 @@ def pictures(shown: dict[str, bytes]) -> str:
 
 
 def listing(text: str) -> str:
-    """Preformatted text."""
+    """HTML of preformatted text."""
     return f"<pre>{escape(text)}</pre>"
 
 
@@ -64,7 +64,7 @@ def folded(summary: str, content: str) -> str:
 
 
 def paragraph(text: str, *, kind: str = "") -> str:
-    """Paragraph of plain text; `kind` is soft, verdict, warning, or absent (for missing content)."""
+    """Paragraph of plain text; `kind` is "soft", "verdict", "warning", or "absent" for missing content."""
     return f'<p class="{escape(kind)}">{escape(text)}</p>'
 
 

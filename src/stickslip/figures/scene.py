@@ -25,11 +25,11 @@ from ..core.units import current_units, unit_name, with_unit
 from ..data.exchange.frame import Frame
 from .style import BLUE, BOND, BROKEN, COLORS, RED
 
-ASIDE = 0.05  # largest share of the grains that may be out of view at each side
+ASIDE = 0.05  # largest share of the grains that may be out of view on each side
 FEW = 10  # number of grains below which all are in view
 APART = 3.0  # gap to the others, in largest diameters, beyond which grains may be out of view
 FAR = 3.0  # distance from the middle half of the grains, in its widths, beyond which grains may be out of view
-PARTED = 1.3  # distance of the grains of a broken bond, over that at rest, beyond which it is not drawn
+PARTED = 1.3  # distance of the grains of a broken bond, over that at rest, beyond which the bond is not drawn
 ZOOMS = (0.01, 1000.0)  # smallest and largest enlargement
 Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`
 DISPLACEMENT = "mode displacement"
@@ -51,13 +51,13 @@ def check_zoom(name: str, zoom) -> None:
         raise ValueError(f"{name} must be from {low:g} to {high:g}, or all for every grain, got {got}")
 
 
-Zoom = Annotated[Any, Requirement(check_zoom)]  # enlargement of the view on grains that are together, or "all"
+Zoom = Annotated[Any, Requirement(check_zoom)]  # enlargement of the view of grains that are together, or "all"
 
 
 def body_limits(place: np.ndarray, gap: float, share: float = ASIDE) -> np.ndarray:
-    """(2, d) corners of positions (N, d). Grains far from the others would shrink the picture, so they are left out.
+    """(2, d) corners of a box around positions (N, d), without grains far from the others, which would shrink the view.
 
-    The grains left out are at most a fraction at each side, beyond a gap or far beyond the middle half.
+    At most a fraction `share` of the grains is left out on each side: those beyond a gap, or far from the middle half.
     """
     corners, most = [], int(np.ceil(share * len(place))) if len(place) >= FEW else 0
     for x in np.sort(place, axis=0).T:
@@ -86,12 +86,12 @@ def outside(place: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def outside_words(count: int) -> str:
-    """Sentence on grains outside a view."""
+    """Sentence on the number of grains outside a view."""
     return f"{pluralize(count, 'grain')} {'is' if count == 1 else 'are'} outside the view"
 
 
 def drawn_bonds(frame: Frame) -> dict[str, np.ndarray]:
-    """Columns i, j, branch and intact of the bonds of a frame; broken ones only while their grains are near."""
+    """Columns i, j, branch and intact of the bonds of a frame; broken bonds only while their grains are close."""
     state, bonds = frame.state, frame.state.bonds
     if not bonds:
         nothing = np.zeros(0, np.int32)
@@ -164,8 +164,8 @@ def quantities(
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Quantities by which the grains of a frame can be coloured, as {name: (values per grain, unit)}.
 
-    The pressure of a grain is p = (1/(d V)) Σ_c f·l, with l from its centre to the contact, V its own volume (area in
-    two dimensions) and compression positive. It is absent if the law, and therefore the forces, are unknown.
+    The pressure of a grain is p = (1/(d V)) Σ_c f·l, compression positive, with l from its centre to the contact and
+    the volume V of the grain (area in two dimensions). It is absent if the law, and therefore the forces, are unknown.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def _by_grain(frame: Frame, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 def _pressure(frame: Frame) -> np.ndarray:
     c, radius, dim = frame.contacts, frame.state.grains.radius, frame.state.cell.dim
-    force = c["force_n"] * np.linalg.norm(c["branch"], axis=1)  # f·l: tangential forces have no part along the branch
+    force = c["force_n"] * np.linalg.norm(c["branch"], axis=1)  # f·l, as tangential forces are normal to the branch
     other = np.where(c["j"] < len(radius), radius[np.minimum(c["j"], len(radius) - 1)], 0.0)
     share = radius[c["i"]] / (radius[c["i"]] + other)
     volume = np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3
@@ -222,13 +222,13 @@ def _pressure(frame: Frame) -> np.ndarray:
 
 
 SMOOTH = 3000  # largest number of grains with antialiasing, which is slow without a graphics card
-MOST = 24e6  # size of the frames in a page, before compression [bytes]
-WIDTHS = (0.5, 1.0, 2.0, 4.0)  # widths of contact lines by class of force over its mean; the last is unbounded
+MOST = 24e6  # largest size of the frames in a page, before compression [bytes]
+WIDTHS = (0.5, 1.0, 2.0, 4.0)  # widths of contact lines; also the upper limits of force over its mean, except the last
 LINE = {2: 0.22, 3: 0.07}  # line width of a contact with the mean force, over the mean radius
 LINES = {"stick": BLUE, "slide": RED, "bond": BOND, "broken": BROKEN}  # names and colours of lines
 CEMENT = 2  # index of the width of bonds
 KINDS = 8  # largest number of separate colours for materials
-FOV = {2: 12.0, 3: 30.0}  # degrees; almost parallel in the plane
+FOV = {2: 12.0, 3: 30.0}  # field of view [degrees], by dimension; rays are almost parallel in two dimensions
 WITHOUT_WEBGL = """<script>
 addEventListener("DOMContentLoaded", () => {
   if (!document.createElement("canvas").getContext("webgl2")) {
@@ -237,7 +237,7 @@ addEventListener("DOMContentLoaded", () => {
   }
 });
 </script>"""
-CONTENT = {"material", "coordination", "sliding contacts"}  # integers
+CONTENT = {"material", "coordination", "sliding contacts"}  # quantities with integer values
 
 
 @checked
@@ -339,7 +339,7 @@ def view_data(
 
 
 def _describe_quantity(name: str, series: list[tuple[np.ndarray, str]]) -> dict:
-    """Name, unit and range of a quantity; for the material also `kinds`, the values with separate colours."""
+    """Name, unit and range of a quantity; for the material, also `kinds`, the values with separate colours."""
     values = np.concatenate([v for v, _ in series]).astype(float)
     low, high = float(values.min()), float(values.max())
     if name == "material":
@@ -402,7 +402,7 @@ def _plot(data: dict, shown: int, height: int):
         plot += _lines(k3d, frame[name], name, color, 0.1 * float(sizes.mean() / 2))
     low, high = np.array(data["box"])
     _, up, toward = np.array(data["eye"])
-    center, reach = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))  # the box in a square
+    center, reach = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))  # sphere around the box
     away = 0.9 * reach / np.sin(np.radians(data["fov"] / 2))
     plot.camera = [float(v) for v in (*(center + away * toward), *center, *up)]  # position, target and up vector
     return plot
@@ -427,7 +427,7 @@ def view_box(frames: list[Frame], zoom: Zoom = 1.0) -> np.ndarray:
 
 
 def count_out_of_view(frames: list[Frame], zoom: Zoom = 1.0) -> int:
-    """Number of grains outside the box in a frame."""
+    """Number of grains outside the box in at least one frame."""
     box = view_box(frames, zoom)
     return int(np.any([outside(wrapped(frame.state), *box) for frame in frames], axis=0).sum())
 

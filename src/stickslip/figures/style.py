@@ -1,8 +1,8 @@
-"""Common style of all figures: width, palette, labels and ticks of axes, envelopes of fast oscillations, legends.
+"""Common style of all figures: width, palette, labels and ticks of axes, envelopes of fast oscillations, and legends.
 
-Figures are one column wide (86 mm), or two (178 mm), in the colour-blind-safe palette of Okabe and Ito. For slides they
-are laid out on a small 16:9 canvas, which is enlarged together with type and lines. Files are PNG, PDF and SVG, with
-lettered panels.
+Figures are one column wide (86 mm), or two (178 mm), in the colour-blind-safe palette of Okabe and Ito. For slides,
+they are laid out on a small 16:9 canvas, which is enlarged together with type and lines. Files are PNG, PDF and SVG,
+with lettered panels.
 """
 
 import re
@@ -30,15 +30,15 @@ from ..core.scales import ROUND_OFF
 from ..core.units import current_units, unit_name
 
 WIDTH, PAGE = 86 / 25.4, 178 / 25.4  # inches, one column and two
-SLIDE, SLIDE_STEP = 2.7, 1.1  # inches, height of the canvas of a figure on a slide, and its growth until panels fit
-# (8 points on it are as large as 22 on a slide 7.5 inches high)
-PANEL, DRAWING = 0.4, 0.9  # inches, smallest height of a panel on slides, and of a drawing with axes
+SLIDE, SLIDE_STEP = 2.7, 1.1  # height of the canvas for slides [inches], and factor of its growth until panels fit
+# (type of 8 points on this canvas is as large as one of 22 points on a slide 7.5 inches high)
+PANEL, DRAWING = 0.4, 0.9  # smallest heights on slides: of a panel, and of a drawing with axes [inches]
 LEAST_LABEL = 0.7  # fraction of its size to which a long label is shrunk on slides
 SLIDE_PIXELS = 1920  # width of figures on slides
 SLIDE_MOVIE, SLIDE_DPI = (5.12, 2.88), 250  # canvas of a movie on slides [inches], of 1280 × 720 pixels
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, SKY, BLACK = "#CC79A7", "#56B4E9", "#000000"
-BOND, BROKEN = "#C9A66B", PURPLE  # lines of bonds, under those of contacts
+BOND, BROKEN = "#C9A66B", PURPLE  # colours of bonds, which are drawn under contacts
 COLORS = (BLUE, SKY, GREEN, ORANGE, RED, PURPLE, BLACK)
 STYLE = {
     "figure.dpi": 200,
@@ -69,7 +69,7 @@ STYLE = {
 TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
 STRESS = "force/length^(dim-1)"  # unit of stress without named units
 DIMENSIONS = re.compile(r"(?:(?:length|time|mass|force|energy|stress)\b|[\d^²³()/ ])+")
-POWERS = (-3, 4)  # powers of ten beyond which (inclusive) the power moves from an axis to its unit
+POWERS = (-3, 4)  # powers of ten from which on the power moves from the tick labels of an axis to its unit
 TICK_SIZE = STYLE["xtick.labelsize"]
 DIGIT = 0.65  # width of a digit over the size of the font
 BIN = 1.0  # width of the bins of an envelope [points], below which oscillations are visible
@@ -83,13 +83,13 @@ _DRAWING = RLock()  # matplotlib settings are global: threads would restore each
 
 @contextmanager
 def common_style(**more):
-    """Draw in the common style, with further settings if given; the user's settings are restored."""
+    """Context manager for drawing in the common style with optional further settings; restores the user's settings."""
     with _DRAWING, matplotlib.rc_context(STYLE | more):
         yield
 
 
 def styled(function):
-    """Decorate a drawing function to use the common style; its arguments are checked."""
+    """Decorate a drawing function so that it uses the common style and checks its arguments."""
     drawn = checked(function)
 
     @wraps(function)
@@ -108,7 +108,7 @@ class OwnFigure(Figure):
         FigureCanvasAgg(self)
 
     def draw(self, renderer) -> None:
-        """Draw in the common style, which also affects ticks that are created only now."""
+        """Draw in the common style, which also affects ticks that are created only here."""
         with common_style():
             super().draw(renderer)
 
@@ -132,7 +132,7 @@ def subplots(rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], *
 def fit_slide(figure) -> dict:
     """Set a 16:9 canvas, as small as the panels allow, so that type is large after enlargement.
 
-    Labels longer than their axes are shrunk. Returns their previous sizes.
+    Labels longer than their axes are shrunk. Returns the previous sizes of these labels.
     """
     height, most, sizes = SLIDE, 2 * max(figure.get_size_inches()), {}
     with warnings.catch_warnings(action="ignore"):  # matplotlib's warning that panels have no room
@@ -157,7 +157,7 @@ def _shown_axes(figure) -> list[Axes]:
 
 
 def _is_crowded(figure) -> bool:
-    """True if labels of axes and titles overlap or leave the figure, or panels are too small."""
+    """Return True if labels of axes and titles overlap or leave the figure, or if panels are too small."""
     shown = _shown_axes(figure)
     texts = [text for axes in shown for text in (axes.xaxis.label, axes.yaxis.label, axes.title)]
     boxes = [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
@@ -188,7 +188,7 @@ def _power(number: float) -> int:
 
 
 def power_of_ten(number: float, error: float | None = None) -> str:
-    """Write a number, and its error, with three digits, as in (1.23 ± 0.05) × 10⁻³; plainly if it is of order one."""
+    """Text of a number and its error with three digits, as in (1.23 ± 0.05) × 10⁻³; no power if it is of order one."""
     power = _power(number)
     mantissa = f"{number / 10.0**power:.3g}"
     if error is not None:
@@ -206,12 +206,12 @@ def label_axes(
 
     Dimensions such as "length" become the units in use, or "units of length".
 
-    `whole` contains the names of axes with integers, `least` the least ranges of axes by name, which prevent zooming
-    into noise. No linear axis zooms into round-off.
+    `whole` contains the names of axes with integers, and `least` the smallest ranges of axes by name, which prevent
+    zooming into noise. No linear axis zooms into round-off.
 
     All axes of figures are labelled by this function. Linear axes get as many ticks as fit side by side; if their
     numbers are large or small, a power of ten moves to the label, as in "strain [10⁻⁵]". Logarithmic axes of little
-    more than a decade also show 2 and 5.
+    more than a decade also have labels at 2 and 5.
     """
     for name, label in (("x", x), ("y", y), ("z", z)):
         if label is None:
@@ -284,7 +284,7 @@ class _FittingLocator(AutoLocator):
 
 
 class _MinorFormatter(LogFormatterMathtext):
-    """2 and 5 times powers of ten, on axes that span little more than a decade."""
+    """Labels at 2 and 5 times powers of ten, on axes that span little more than a decade."""
 
     def __call__(self, value, pos=None) -> str:
         low, high = sorted(self.axis.get_view_interval())
@@ -323,7 +323,7 @@ def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, m
 
 
 def _count_turns(y: np.ndarray) -> int:
-    """Number of minima and maxima."""
+    """Number of minima and maxima of a signal."""
     slope = np.sign(np.diff(y))
     return np.count_nonzero(np.diff(slope[slope != 0]))
 
@@ -424,7 +424,7 @@ def _arranged(figure, look: Look):
 
 
 def _reach(axes) -> float:
-    """Extent of the numbers of the vertical axis to its left [pixels]; its label may be taller than the axis."""
+    """Extent of the tick labels to the left of the vertical axis [pixels], without the label of the axis."""
     boxes = [label.get_window_extent() for label in axes.get_yticklabels() if label.get_text() and label.get_visible()]
     return max((axes.bbox.x0 - box.x0 for box in boxes), default=0.0)
 
@@ -434,7 +434,7 @@ def _letter(figure) -> list:
     seen: dict = {}
     for axes in figure.axes:
         if axes.get_visible() and axes.axison and axes.get_label() != "<colorbar>":
-            seen.setdefault(axes.get_subplotspec() or axes, axes)  # only the first of twins
+            seen.setdefault(axes.get_subplotspec() or axes, axes)  # only the first of twin axes
     if len(seen) < 2:
         return []
     figure.draw_without_rendering()

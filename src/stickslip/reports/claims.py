@@ -1,6 +1,6 @@
 """Claims of a paper: the printed value, the measured value with its error, and a verdict that accounts for noise.
 
-Their report is a summary on the terminal, and JSON, Markdown and image files.
+Claims are reported in a summary on the terminal, and in JSON, Markdown and image files.
 """
 
 import json
@@ -58,14 +58,14 @@ def claim(
     id: str, source: str, paper: Value, measured: Value, unit: str, tolerance: float, note: str = "", *,
     error: float | None = None, reference: Value = None, reference_source: str = "", quantifier: str = IS,
 ) -> Claim:  # fmt: skip
-    """Evaluate a measurement.
+    """Compare a measurement with the paper's value, and return a row of the claims table.
 
-    The note gives the reason if the verdict is undecided, and the comparison with the reference.
+    To `note`, the reason is added if the verdict is undecided, and the comparison with the reference if there is one.
 
     Parameters
     ----------
     source : "PLACE: words", where PLACE is a figure, equation, table or section of the paper
-    error : one standard error of a number, 0 if it is deterministic; with None the claim stays undecided
+    error : one standard error of a number, 0 if it is deterministic; with None, the claim stays undecided
     quantifier : "is"; "can": one instance suffices, and without one the claim stays undecided; "always": one
         counterexample refutes it, and cases without one do not prove it
 
@@ -150,7 +150,7 @@ def _compare(target: Value, measured: Value, tolerance: float, error: float | No
     if isinstance(target, bool) or isinstance(measured, bool):
         if not (isinstance(target, bool) and isinstance(measured, bool)):
             raise ValueError(
-                f"the measured value {measured!r} cannot be compared with the printed {target!r}: compare statements "
+                f"the measured value {measured!r} cannot be compared with the value {target!r}: compare statements "
                 "with statements"
             )
         holds = NOT_REFUTED if quantifier == ALWAYS else REPRODUCED
@@ -159,7 +159,7 @@ def _compare(target: Value, measured: Value, tolerance: float, error: float | No
         measured and isinstance(target, list) and len(measured) != len(target)
     ):
         raise ValueError(
-            f"the measured value {measured!r} cannot be compared with the printed {target!r}: compare windows of the "
+            f"the measured value {measured!r} cannot be compared with the value {target!r}: compare windows of the "
             "same length"
         )
     if isinstance(target, list):
@@ -363,7 +363,7 @@ def _distance(target: float, measured: float, tolerance: float) -> float:
 
 
 def count_sentences(claims: list[Claim]) -> tuple[int, int]:
-    """Return the number of sentences that have a row, and how many of them have no undecided row.
+    """Return the number of the paper's sentences that have a row, and the number of those without an undecided row.
 
     Rows with the same source belong to one sentence. Variants, and rows without a value in the paper, do not count.
     """
@@ -373,7 +373,7 @@ def count_sentences(claims: list[Claim]) -> tuple[int, int]:
 
 
 def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str, str]:
-    """Return three sentences: numbers of decided sentences and reproduced claims, and reasons for the others."""
+    """Return three sentences: counts of decided sentences and reproduced claims, and the reasons for the others."""
     own = [c for c in claims if not variant(c)]
     total, decided = count_sentences(claims)
     judged = [c for c in own if c.verdict != NO_REFERENCE]
@@ -428,7 +428,7 @@ def _quote(made: Claim) -> str:
 
 
 def figure_lines(claims: list[Claim], shows: Shows) -> list[tuple[str, str, str, str]]:
-    """Return a line per figure of the paper: name, content, number of reproduced rows, key number."""
+    """Return a line per figure of the paper: name, content, number of reproduced rows, and key number."""
     out = []
     for name, (content, key) in shows.items():
         here = [c for c in claims if place(c) == name]
@@ -447,7 +447,7 @@ def show_claims(claims: list[Claim], shows: Shows) -> None:
     console = reports.terminal.console
     for sentence in summarize(claims, shows):
         console.print(sentence)
-    # on a narrow terminal, the key number is folded
+    # on a narrow terminal, the key number is wrapped
     lines = figure_lines(claims, shows)
     folded = console.width < reports.terminal.UNBROKEN
     table = Table(box=None, pad_edge=False, header_style="bold", expand=folded)

@@ -1,6 +1,6 @@
-"""Details of `stickslip stability`: participation ratios, moduli, transient growth, decisive contacts (`--more`).
+"""Details of `stickslip stability --more`: participation ratios, moduli, transient growth, and decisive contacts.
 
-For packings with bonds, the details include the decisive bonds, and those that break first under strains.
+For packings with bonds, the details include the decisive bonds, and the first bonds to break under several strains.
 """
 
 from typing import NamedTuple
@@ -21,8 +21,8 @@ from ..solve.stability import Stability
 from ..solve.transient import NoElasticEnergyError, TransientGrowth, transient_growth
 from .terminal import console, new_table, show_table
 
-CONTACTS = 5  # rows of the table of contacts
-SHOWN = 12  # participation ratios that are printed
+CONTACTS = 5  # number of rows of the table of contacts
+SHOWN = 12  # number of participation ratios that are printed
 UNBALANCED = "since the packing is not in equilibrium"
 
 
@@ -149,7 +149,7 @@ def _show_contacts(s: ContactSensitivity, n: int) -> None:
     show_table(table)
 
 
-BONDS = 5  # decisive bonds in a table
+BONDS = 5  # number of decisive bonds in a table
 
 
 class BondDetails(NamedTuple):
@@ -160,7 +160,7 @@ class BondDetails(NamedTuple):
 
 
 def compute_bonds(state: State, law: Law) -> BondDetails:
-    """Compute the decisive bonds of a packing in equilibrium, and the first ones to break under a few strains."""
+    """Compute the decisive bonds of a packing in equilibrium, and the first bonds to break under several strains."""
     return BondDetails(attempt(decisive_bonds, state, law), attempt(_first_breaks, state, law))
 
 

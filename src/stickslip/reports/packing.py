@@ -34,22 +34,22 @@ if TYPE_CHECKING:  # needed by a few options only, otherwise not loaded
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
 UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
-SHOWN = 12  # largest number of listed pairs of modes, and of listed pairs of materials
+SHOWN = 12  # largest number of modes in a list, and of pairs of materials
 MOST_KINDS = 20  # largest number of types of grains, or walls, whose laws are described
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
-SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
+SETTLE_TOLERANCE = 1e-10  # largest residual of a settled packing, over the mean normal contact force
 LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
 
 
 class Settling(NamedTuple):
     """Change in a packing caused by settling it; the verdict is for the settled packing."""
 
-    moved: float  # largest displacement of a grain, in its radii
-    moved_rms: float  # root mean square over grains, in their radii
+    moved: float  # largest displacement of a grain, over its radius
+    moved_rms: float  # root mean square over grains of displacement over radius
     lost: int  # number of contacts lost
     gained: int
     before: float  # residual of the given packing
-    how: str  # description of the work of the solver
+    how: str  # description of how the solver found equilibrium
 
     def __str__(self) -> str:
         return (
@@ -60,7 +60,7 @@ class Settling(NamedTuple):
 
 
 def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> "BirthForm | str":
-    """Return the normal form of the fastest pair, or the reason why there is none."""
+    """Return the normal form of the fastest-growing pair, or the reason why there is none."""
     from ..solve.birth import birth_form
 
     bare = {} if dashpots else {"damping_n": 0.0, "damping_t": 0.0}
@@ -70,7 +70,7 @@ def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> "BirthF
 def find_probability(
     state: State, law: Law, error: float, *, dashpots: bool = True, report: Report = silent
 ) -> "VerdictProbability | str":
-    """Return the probability of the verdict with errors of positions, or the reason why it is unknown."""
+    """Return the probability of the verdict, given errors of positions, or the reason why it is unknown."""
     from ..solve.gradient import verdict_probability
 
     require_positive(position_error=error)
@@ -88,7 +88,7 @@ def probability_dict(sure: "VerdictProbability | str") -> dict:
 
 
 def show_probability(sure: "VerdictProbability | str") -> None:
-    """Print the probability that a packing is stable, and the contact that decides."""
+    """Print the probability that a packing is stable, and the decisive contact."""
     if isinstance(sure, str):
         console.print(f"the effect of errors in positions is unknown: {sure}")
         return
@@ -125,7 +125,7 @@ def let_settle(state: State, law: Law) -> tuple[State, Settling]:
 
 
 def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
-    """Return the verdict in one sentence, which mentions settling.
+    """Return the verdict in one sentence, which mentions settling, if any.
 
     The verdict takes account of notes about actions on the grains that were not imported, and about missing data.
     """
@@ -274,7 +274,7 @@ def show(
     Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if the file contains little
     else.
     """
-    # data read, then assumptions; omissions are part of the verdict
+    # print the data read, then the assumptions; omissions are part of the verdict
     for note in notes:
         if not isinstance(note, Assumption):
             console.print(note, style="yellow")
@@ -342,9 +342,9 @@ def _show_form(form: "BirthForm | str") -> None:
 
 
 def describe_law(law: Law, state: State | None = None) -> str:
-    """Describe a law: kind, Coulomb limit, parameters of each pair of materials, damping.
+    """Describe a law: kind, Coulomb limit, parameters of each pair of materials, and damping.
 
-    With a state, only pairs that can meet are listed: types of grains from 1, and walls in their order.
+    With a state, only pairs that can meet are listed. Types of grains are numbered from 1, and walls in their order.
     """
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)

@@ -1,6 +1,6 @@
 """Pages and movies of packings: their content and their files; a page is one self-contained file.
 
-In a run folder they count as run files.
+In a run folder, they count as run files.
 """
 
 from collections.abc import Iterator
@@ -60,7 +60,7 @@ class PageContent(NamedTuple):
     frames: list[Frame]
     labels: list[str]
     at: int  # index of the frame that `modes` belong to
-    modes: list  # translation, rotation, exponent of each, the fastest first
+    modes: list  # translation, rotation and exponent of each mode, fastest first
     sections: list[tuple[str, str]]  # heading and HTML, without the view
     without: str = ""  # reason why there is no view in three dimensions
     warning: str = ""  # prominent warning: no equilibrium, or a settled packing
@@ -82,10 +82,10 @@ def packing_content(
     modes : file written by `stickslip stability`; without it, the verdict is computed
     options : options of `read_packing`
     settle : if True, the packing is settled first
-    dashpots : if False, dashpots of the law are left out
+    dashpots : if False, dashpots of the law are ignored
     zoom : zoom of the figure
-    search : if False and no file of modes is given, neither verdict nor modes are computed; None: False if they take
-        minutes
+    search : if False and no file of modes is given, neither verdict nor modes are computed; None acts as False if they
+        would take minutes
     """
     (state, law, notes), warnings = capture_warnings(read_packing, file, **options)
     notes, calm = [*notes, *warnings], None
@@ -139,7 +139,7 @@ def packing_content(
 def write_forces(file: Path, path: Path, options: dict) -> list[str]:
     """Write a figure of the contact forces in a packing as PDF, PNG or SVG; return notes on the input.
 
-    Measured forces are drawn as read, without balancing; options of a law are then ignored.
+    Measured forces are drawn as read, without balancing; options of the law are then ignored.
     """
     contacts = options.get("contacts")
     if is_measured(file, contacts and Path(contacts)):
@@ -183,7 +183,7 @@ def _mode_table(modes: list) -> str:
 
 
 def write_page(shown: PageContent, path: Path, *, colour: str | None = None, zoom: scene.Zoom = 1.0) -> None:
-    """Write the page."""
+    """Write the page to a file."""
     view = ""
     if shown.frames:
         inside = scene.page_view(
@@ -230,7 +230,7 @@ def describe_growth(s: complex) -> str:
 
 
 def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame], list[str]]:
-    """Frames and labels of the movie of a run, from the first state of its last stage or of the run."""
+    """Frames and labels of the movie of a run, from the first state of its last stage or of the whole run."""
     # the state with which the last stage begins
     first = 0 if whole else max((k for k, name in enumerate(shown.stages) if name != shown.stages[-1]), default=0)
     stored = shown.frames[first:]
@@ -262,7 +262,7 @@ def write_movie(
     mode : number of a mode; None shows the frames of a run, or the first mode if there is only one frame
     fps : frames per second
     count, amplitude : number of frames in one period of a mode, and its amplitude; see `mode_frames`
-    whole : True to show all stages of a run, instead of the last
+    whole : True to show all stages of a run, instead of only the last
     zoom, slides : see `stickslip.figures.movie`
     """
     if not shown.frames:
@@ -301,7 +301,7 @@ def default_path(place: Path, name: str) -> Path:
 
 
 def check_output(path: Path, endings: tuple[str, ...], *, overwrite: bool = False, made_from=()) -> None:
-    """Raise ValueError before any computation if a path is unsuitable or would replace a foreign file.
+    """Raise ValueError before any computation if an output path is unsuitable or names a file that must be kept.
 
     Parameters
     ----------

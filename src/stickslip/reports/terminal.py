@@ -1,4 +1,4 @@
-"""Terminal output of all commands: console, tables, progress with physical quantities."""
+"""Terminal output of all commands: console, tables, and progress with physical quantities."""
 
 import os
 import sys
@@ -32,7 +32,7 @@ class _Console(Console):
             yield Segment(text if control else printable(text), style, control)
 
 
-_FITTED = (sys.stdout is not None and sys.stdout.isatty()) or "COLUMNS" in os.environ  # to a terminal
+_FITTED = (sys.stdout is not None and sys.stdout.isatty()) or "COLUMNS" in os.environ  # output to a terminal
 # paths and names are printed verbatim
 console = _Console(soft_wrap=False, markup=False, highlight=False, width=None if _FITTED else UNBROKEN)
 
@@ -40,7 +40,7 @@ NARROW = 60  # width below which the cells of tables would be broken
 READABLE = 100  # largest width of a text
 WIDE = 110  # smallest width at which a stage and its text share a line
 STEADY = 5.0  # time after which the remaining time of a stage may be estimated [s]
-LINES = 30.0  # time between lines without a terminal [s]
+LINES = 30.0  # time between lines of progress if there is no terminal [s]
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 
 

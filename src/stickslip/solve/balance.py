@@ -1,4 +1,4 @@
-"""Linearised state of a packing, and its force balance: imbalance, likely causes, contact modes under another law."""
+"""Linearised state of a packing and its force balance: imbalance, likely causes, and modes under another law."""
 
 from typing import NamedTuple
 
@@ -16,12 +16,12 @@ from ..core.measure import Committed, contact_velocity, overlaps, touching, volu
 from ..core.state import SLIDE, STICK, State
 from .freedom import Freedom, freedom, mass_weighted, stiffness_of, unsupported_grains
 
-# Residual over the mean contact force, from `python -m benchmarks equilibrium`. Up to 1e-3, random displacements of
-# grains change the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings whose slips were deleted had a
-# wrong verdict; the first wrong ones appear beyond that. Positions stored as text with eight digits have residuals of
-# 2e-4 in packings of 60 grains and about 1e-3 in larger ones.
+# Largest residual, over the mean contact force, in equilibrium; from `python -m benchmarks equilibrium`. Up to 1e-3,
+# random displacements of grains change the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings whose
+# slips were deleted had a wrong verdict; the first wrong ones appear beyond that. Positions stored as text with eight
+# digits have residuals of 2e-4 in packings of 60 grains and about 1e-3 in larger ones.
 BALANCED_BELOW = 2e-3
-DIGITS = 13  # significant digits of positions that were not truncated by text or single precision
+DIGITS = 13  # number of significant digits; positions with fewer count as truncated by text or single precision
 
 
 class LinearisedState(NamedTuple):
@@ -30,8 +30,8 @@ class LinearisedState(NamedTuple):
     state: State
     law: Law
     line: Linearisation  # linearisation of all pairs in the list
-    rows: np.ndarray  # touching pairs
-    loose: np.ndarray  # (N,) bool, rattlers
+    rows: np.ndarray  # rows of the touching pairs
+    loose: np.ndarray  # (N,) bool, True for rattlers
 
     @property
     def backbone(self) -> Freedom:
@@ -51,7 +51,7 @@ class LinearisedState(NamedTuple):
 
     @property
     def mean_stiffness(self) -> float:
-        """Mean dF_n/dδ of touching contacts, with k_n of bonds [force/length]; zero without contacts."""
+        """Mean dF_n/dδ of touching contacts, plus k_n of their bonds [force/length]; zero without contacts."""
         slope, bonds = self.line.slope_n, self.state.bonds
         if bonds:
             slope = slope.copy()
@@ -76,7 +76,7 @@ class LinearisedState(NamedTuple):
         return np.append(self.loose, np.zeros(len(self.state.walls.mass), bool))
 
     def with_modes(self, state: State) -> "LinearisedState":
-        """The same contacts with the modes and slips of another state."""
+        """Linearisation of the same contacts with the modes and slips of another state."""
         return self if state is self.state else self._replace(state=state, line=linearise(state, self.law))
 
 
@@ -88,13 +88,13 @@ def linearised(state: State, law: Law) -> LinearisedState:
 @checked
 @knows_bonds
 def imbalance(state: State, law: Law) -> float:
-    """Largest component of an unbalanced force or torque/R over the mean normal contact force.
+    """Largest component of an unbalanced force or torque/R, divided by the mean normal contact force.
 
     For each body, |F_n| is averaged over the contacts of its connected group of grains (for rattlers and held bodies,
     over all contacts), so that strong forces in one group do not hide an imbalance in a weaker one. Rattlers and held
     bodies do not connect others. The result is zero if no force acts, and infinite if forces act but no contact carries
-    them. If the cell is free, the largest difference between its stress and the imposed stress, over the larger of the
-    two, is also included.
+    them. If the cell is free, the largest difference between its stress and the imposed stress, divided by the larger
+    of the two, also counts as an imbalance.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def imbalance(state: State, law: Law) -> float:
 
 
 def force_imbalance(here: LinearisedState) -> float:
-    """Largest unbalanced force over the mean normal contact force; see `imbalance`."""
+    """Largest unbalanced force divided by the mean normal contact force; see `imbalance`."""
     state = here.state
     loads = forces(state, here.law)[0]
     worst = np.abs(unbalanced_forces(state, loads)).max(axis=1)
@@ -128,7 +128,7 @@ def force_imbalance(here: LinearisedState) -> float:
 @checked
 @knows_bonds
 def residual(state: State, law: Law):
-    """Largest component of an unbalanced force or torque/R of a state [force], and the body on which it acts."""
+    """Largest component of the unbalanced forces and torques/R in a state [force], and the body on which it acts."""
     size = np.abs(unbalanced_forces(state, forces(state, law)[0])).max(axis=1)
     return float(size.max()), int(size.argmax())
 
@@ -143,7 +143,7 @@ def balanced(state: State, law: Law) -> LinearisedState:
 
 
 def _local_force_scales(here: LinearisedState) -> np.ndarray:
-    """(N + W,) mean |F_n| in the connected group of each body, or of all contacts if the group has none."""
+    """(N + W,) mean |F_n| in the connected group of each body, or over all contacts if the group has none."""
     state, rows = here.state, here.rows
     if not len(rows):
         return np.zeros(state.n_bodies)
@@ -163,7 +163,7 @@ def _local_force_scales(here: LinearisedState) -> np.ndarray:
 
 
 def motion_imbalance(here: LinearisedState) -> float:
-    """Force change caused by the motion, v √(m k) for a spring k that stops a mass m, over the mean contact force.
+    """Force that stops the motion, v √(m k) for a mass m on a spring k, divided by the mean contact force.
 
     The result is the largest value over all grains that are not rattlers.
     """
@@ -172,7 +172,7 @@ def motion_imbalance(here: LinearisedState) -> float:
 
 
 def _speeds(here: LinearisedState) -> np.ndarray:
-    """(N,) speeds of grains: of their centres, or relative to a neighbour at the contact if larger; 0 for rattlers.
+    """(N,) speed of each grain: of its centre or, if larger, relative to a neighbour at a contact; 0 for rattlers.
 
     Spin about the normal of a contact causes no motion there. Velocities are relative to their mean if nothing holds
     the grains in place; velocities of walls and of the cell are ignored.
@@ -226,7 +226,7 @@ def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
     """Possible reasons why forces do not balance; see `likely_causes`."""
     causes, state, rows = [], here.state, here.rows
     i, j, moves = state.contacts.i[rows], state.contacts.j[rows], state.control.free.any(axis=1)
-    bears = (here.line.limit[rows] > 0) & (moves[i] | moves[j])  # not across a gap without friction
+    bears = (here.line.limit[rows] > 0) & (moves[i] | moves[j])  # a gap without friction bears no tangential force
     bare = int((~state.contacts.slip[rows[bears]].any(axis=1)).sum())
     if bare:
         which = f"all {bare}" if bare == bears.sum() else f"{bare} of {bears.sum()}"
@@ -241,7 +241,7 @@ def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
     causes += _load_causes(here)
     lost, error = _precision_loss(state)
     share = _ratio(here.mean_stiffness * error, here.mean_force)
-    if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the position errors of two grains
+    if share > 0.1 * BALANCED_BELOW:  # errors add up: several contacts per grain, each with errors of two positions
         causes.append(
             f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force undetermined"
         )
@@ -249,7 +249,7 @@ def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
 
 
 def _load_causes(here: LinearisedState) -> list[str]:
-    """Loads and torques suggested by the imbalance: gravity, lever arms, a wall."""
+    """Causes that the pattern of the imbalance suggests: loads, gravity, moments, lever arms, and walls."""
     state = here.state
     n, total = len(state.grains.radius), unbalanced_forces(state, forces(state, here.law)[0])
     free = state.control.free[:n, :3].any(axis=1)
@@ -283,7 +283,7 @@ def _load_causes(here: LinearisedState) -> list[str]:
 
 
 def _like_a_load(state: State, pull: np.ndarray, small: float) -> str:
-    """Loads that explain the accelerations of all free grains; empty if there are none."""
+    """Name of the load that would cause an acceleration `pull` of most free grains; empty if there is none."""
     control, n = state.control, len(state.grains.radius)
     free, mass = control.free[:n, :3].any(axis=1), state.grains.mass[:, None]
     push, weight = control.force[:n], mass * control.gravity
@@ -343,7 +343,7 @@ def with_modes_under(state: State, law: Law) -> State:
 
 
 def modes_under(state: State, law: Law, line: Linearisation) -> State:
-    """State with modes from a linearisation; see `with_modes_under`."""
+    """State with the contact modes that follow from a linearisation; see `with_modes_under`."""
     contacts, count, radius = state.contacts, len(line.limit), body_radii(state)
     reach = radius[contacts.i[:count]] + radius[contacts.j[:count]]
     pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]
@@ -362,7 +362,7 @@ def modes_under(state: State, law: Law, line: Linearisation) -> State:
 
 
 def with_mode(state: State, rows: np.ndarray, mode: int) -> State:
-    """State in which the contacts of some rows have another mode."""
+    """State in which the contacts in the given rows have the given mode."""
     modes = state.contacts.mode.copy()
     modes[rows] = mode
     return state._replace(contacts=state.contacts._replace(mode=modes))

@@ -1,6 +1,6 @@
 """Normal form of the oscillatory instability near the birth of a complex pair.
 
-In mass-weighted coordinates y the motion around an equilibrium is ÿ = −A y + N(y). A pair λ_r ± iλ_i has the
+In mass-weighted coordinates y, the motion around an equilibrium is ÿ = −A y + N(y). A pair λ_r ± iλ_i has the
 eigenvector p + iq, whose phase is chosen so that p·q = 0 and |p| ≥ |q|. The vectors u₀ = p and u₁ = q/λ_i satisfy
 
     (A − λ_r) u₁ = u₀,   (A − λ_r) u₀ = −λ_i² u₁,
@@ -22,8 +22,8 @@ is the first harmonic of N; then a′² = 2 ∫ σ²(a) a da.
 Smooth friction has a term |s| s. If a slip s changes sign, this term makes N₁ of second order in a. β is then valid for
 smaller amplitudes only, and the harmonic balance distinguishes bursts from runaway.
 
-Sources: the 1:1 resonance of reversible systems: Iooss & Pérouème, doi:10.1006/jdeq.1993.1034; slaved modes and
-amplitude equations: Nayfeh & Mook, doi:10.1002/9783527617586, Ch. 6.
+Sources: Iooss & Pérouème, doi:10.1006/jdeq.1993.1034, for the 1:1 resonance of reversible systems; Nayfeh & Mook,
+doi:10.1002/9783527617586, Ch. 6, for slaved modes and amplitude equations.
 """
 
 from collections.abc import Callable
@@ -47,14 +47,14 @@ from .linear import DENSE_BELOW, one_thread, suitable_threads
 from .spectrum import SOFTEST, near_zero
 from .stability import DENSE_UP_TO, stability
 
-NEAR_BIRTH = 1 / 3  # largest |q|/|p| of a pair near its birth
+NEAR_BIRTH = 1 / 3  # largest |q|/|p| at which a pair counts as near its birth
 MOST_DETUNED = 0.5  # relative change of β if the second harmonic grows with the pair
-PHASES = 24  # points per period of the mode that are examined for the first limit
-LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # search for this limit: factor between amplitudes, accuracy, first one
+PHASES = 24  # number of points per period of the mode at which contacts are examined for changes
+LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # search for changes: factor between amplitudes, accuracy, first amplitude
 AFTER = 1.5  # largest amplitude of the harmonic balance, over that at which a contact is lost in linear growth
-TIMES = 32  # points per period in the harmonic balance; the number of harmonics is up to a third of this
+TIMES = 32  # number of points per period in the harmonic balance; there are at most a third as many harmonics
 SAMPLES = 36  # number of amplitudes at which the growth rate is computed
-MOST_ROUNDS, SETTLED = 60, 1e-8  # harmonic balance: most iterations, and the relative change at which they end
+MOST_ROUNDS, SETTLED = 60, 1e-8  # harmonic balance: largest number of iterations, and relative change that ends them
 LARGEST = 1.0  # ratio of slaved motion to motion along the mode above which the harmonic balance is meaningless
 PROBE = 0.02  # displacement for measuring nonlinear forces, over the amplitude of the first limit
 
@@ -96,8 +96,8 @@ class Plane(NamedTuple):
 class BirthForm(NamedTuple):
     """Normal form of a pair: its growth at finite amplitude, and the end of growth.
 
-    An amplitude a means a displacement 2 a cos(ω t) along `mode`, in the mass-weighted scalar product; its unit is
-    that of length times √mass.
+    An amplitude a means a displacement 2 a cos(ω t) along `mode`, in the mass-weighted scalar product; the unit of a is
+    length times √mass.
     """
 
     eigenvalue: complex  # λ_r + iλ_i [1/time²]
@@ -117,7 +117,7 @@ class BirthForm(NamedTuple):
     closing: float  # amplitude at which two grains first come into contact; the form is valid up to it
     closing_contact: tuple[int, int]
     resonance: float  # |ω_k − 2ω|/(2ω) of the mode nearest to the second harmonic
-    detuned: float  # relative change of β if the second harmonic grows at 2σ: the error of a slaved one
+    detuned: float  # relative change of β if the second harmonic grows at the rate 2σ: the error of slaving it
     mode: np.ndarray  # (n,) u₀/√mass: displacement at unit 2a [length/amplitude]
     free: Freedom  # coordinates of `mode`, without rattlers
 
@@ -135,7 +135,7 @@ class BirthForm(NamedTuple):
 
     @property
     def fate(self) -> str:
-        """Bounded bursts, runaway, limit first, not near a birth, or resonance."""
+        """Prediction: "bounded bursts", "runaway", "limit first", "not near a birth" or "resonance"."""
         if not self.nearness <= NEAR_BIRTH:
             return "not near a birth"
         if not self.detuned <= MOST_DETUNED:
@@ -174,14 +174,14 @@ class BirthForm(NamedTuple):
 def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     """Normal form of a complex pair near its birth: bursts or runaway, and the contact that is lost first.
 
-    Forces are those of the trial memory around the accepted state, without velocities: laws with dashpots are rejected.
+    Forces are evaluated with trial memory around the accepted state, without velocities; dashpots are not supported.
     In free runs of the disk array, a burst reached the predicted amplitude within 2 %, and the predicted contact was
     lost at the predicted amplitude within 8 % (`tests/modes/test_birth.py`). Rattlers are assumed not to move, and
     collisions with them are ignored.
 
     Parameters
     ----------
-    pair : index of the pair, the fastest growing first
+    pair : index of the pair; 0 is the fastest growing
 
     Raises
     ------
@@ -190,10 +190,10 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
 
     Source
     ------
-    See the module: doi:10.1006/jdeq.1993.1034.
+    doi:10.1006/jdeq.1993.1034; see the docstring of the module.
     """
     if damping_model(law):
-        raise ValueError("the law has dashpots, but the normal form is that of motion without them: leave them out")
+        raise ValueError("the law has dashpots, but the normal form describes undamped motion: omit damping")
     here = linearised(state, law)
     here = here.with_modes(modes_under(state, law, here.line))
     (state, law, _, rows, _), residual, at_limit = here, force_imbalance(here), int(_at_limit(here).sum())
@@ -208,7 +208,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     if not 0 <= pair < len(pairs):
         raise ValueError(f"pair {pair} does not exist: the state has {pluralize(len(pairs), 'complex pair')}")
     if not pairs[pair].real > 0:
-        raise ValueError(f"pair {pair} has λ = {pairs[pair]:.3g} and does not oscillate before it grows")
+        raise ValueError(f"pair {pair} has λ = {pairs[pair]:.3g}, but the normal form needs Re λ > 0")
     free = here.backbone
     motion = _motion(state, law, free)
     plane = invariant_plane(motion.matrix, pairs[pair])
@@ -239,7 +239,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
 
 
 def _at_limit(here: LinearisedState) -> np.ndarray:
-    """(C,) contacts at the Coulomb limit, without those of rattlers; smooth friction has a kink of curvature there."""
+    """(C,) mask of contacts at the Coulomb limit, except rattlers'; smooth friction has a jump in curvature there."""
     return (here.line.closed > 0) & (here.line.slides > 0) & (here.line.limit > 0) & here.supported
 
 
@@ -359,7 +359,7 @@ def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
         if not change <= SETTLED * a * np.abs(plane.u0).max():
             if len(kept) > 1:
                 break
-            slaved = 0 * slaved  # round-off matters at so small an amplitude
+            slaved = 0 * slaved  # round-off dominates at such a small amplitude
             continue
         kept.append(a)
         shapes.append(slaved)
@@ -439,7 +439,7 @@ def first_changes(
 def _bisect(lost, low: float, high: float, rows) -> tuple[float, int]:
     """Smallest amplitude between two at which a contact is lost, and that contact.
 
-    `rows` (P, C) are lost at the upper amplitude; phases without a loss there are not examined below it.
+    `rows` (P, C) marks losses at the upper amplitude; phases without a loss there are not examined at smaller ones.
     """
     phases = np.arange(len(rows))
     while high - low > ROOT * high:
@@ -454,7 +454,7 @@ def _bisect(lost, low: float, high: float, rows) -> tuple[float, int]:
 
 
 def ellipse(plane: Plane):
-    """Motion of linear growth: p cos φ + q sin φ in PHASES directions."""
+    """Motion of linear growth: p cos φ + q sin φ at PHASES phases φ."""
     angle = 2 * np.pi * np.arange(PHASES)[:, None] / PHASES
     unit = 2 * (np.cos(angle) * plane.u0 + np.sin(angle) * plane.value.imag * plane.u1)
     return lambda a: a * unit

@@ -1,4 +1,4 @@
-"""Decisive bonds: those on which the softest or growing mode depends, and the first to break under a load."""
+"""Decisive bonds: those on which the softest or fastest-growing mode depends, and the first to break under a load."""
 
 from typing import NamedTuple
 
@@ -19,8 +19,8 @@ from .linear import suitable_threads
 from .moduli import VOIGT, ElasticModuli, elastic_moduli
 from .sensitivity import assess
 
-HALVINGS = 80  # bisections in the search for an amount
-NEVER = 1e100  # amounts above this are reached only by bonds without a limit
+HALVINGS = 80  # number of bisections in the search for the amount of load that breaks a bond
+NEVER = 1e100  # larger amounts occur only for bonds of unlimited strength, which never break
 
 
 @readable(head=lambda found: _describe(found))
@@ -30,10 +30,10 @@ class FirstBreak(NamedTuple):
     The displacement gradient is `amount` times `strain`, and the stress changes by `amount` times `stress`.
     """
 
-    amount: np.ndarray  # (K,) infinite for bonds that never break, and for broken ones
-    failure: np.ndarray  # (K,) index in `FAILURES` of the load that breaks each one
-    i: np.ndarray  # (K,) grains
-    j: np.ndarray  # (K,)
+    amount: np.ndarray  # (K,) amount at which each bond breaks; infinite if it never does or is already broken
+    failure: np.ndarray  # (K,) index in `FAILURES` of the load that breaks each bond
+    i: np.ndarray  # (K,) first grain of each bond
+    j: np.ndarray  # (K,) second grain of each bond
     strain: np.ndarray  # (dim, dim) displacement gradient, extension positive [1]
     stress: np.ndarray  # (dim, dim) compression positive [force/length^(dim−1)]
 
@@ -54,7 +54,7 @@ class FirstBreak(NamedTuple):
 
     @property
     def mode(self) -> str:
-        """Load that breaks the first bond: "tension", "shear", "bending", "twisting" or "compression", or empty."""
+        """Load that breaks the first bond: "tension", "shear", "bending", "twisting" or "compression"; or empty."""
         return FAILURES[self.failure[self.bond]] if self.bond >= 0 else ""
 
 
@@ -67,13 +67,13 @@ def _describe(found: FirstBreak) -> str:
 @checked
 @knows_bonds
 def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress: Numbers | None = None) -> FirstBreak:
-    """First bond to break under a strain or a stress that grows in proportion, in the linear response of the packing.
+    """First bond to break under a proportionally increasing strain or stress, in the linear response of the packing.
 
-    The loads of bonds change linearly with the amount, according to the Jacobian with each contact held in its mode.
+    Bond loads change linearly with the amount, according to the Jacobian with each contact held in its mode.
     Load over strength is a convex function of the amount, so a bond reaches its strength at most once. The amount is
     accurate if it is so small that few contacts open, close or slide before it is reached: it agreed with steps of
     `equilibrate` to 0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`). Fading
-    bonds soften before they break: they break earlier, by a quarter or more, and other bonds may break first.
+    bonds soften before they break, at amounts that are smaller by a quarter or more, and other bonds may break first.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _cemented(state: State, law: Law) -> LinearisedState:
 def strain_for(moduli: ElasticModuli, stress: np.ndarray) -> np.ndarray:
     """(dim, dim) symmetric strain, extension positive, for a given change of the stress, compression positive."""
     if not np.allclose(stress, stress.T):
-        raise ValueError("the stress must be symmetric, or torques do not balance")
+        raise ValueError("the stress must be symmetric, because torques must balance")
     pairs, stiffness = VOIGT[moduli.dim], moduli.voigt
     if not np.linalg.cond(stiffness) < 1e12:
         raise ValueError(
@@ -142,7 +142,7 @@ def break_along(here: LinearisedState, moduli: ElasticModuli, strain: np.ndarray
 
 
 def bond_motions(state: State, moved: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """(K, 9) changes of pair vectors and angles of bonds, for motions (B, 6) of bodies and of the cell (3, 3)."""
+    """(K, 9) changes of pair vectors and angles of bonds, for motions of the bodies (B, 6) and of the cell (3, 3)."""
     bonds, grains = state.bonds, state.grains
     turned = moved[: len(grains.radius), 3:] / grains.radius[:, None]
     apart = (
@@ -154,9 +154,9 @@ def bond_motions(state: State, moved: np.ndarray, gradient: np.ndarray) -> np.nd
 def bond_crossings(
     bonds: Bonds, load: np.ndarray, slope: np.ndarray, held: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Amounts a (K,) at which bonds break under load + a slope, and the breaking loads.
+    """Amounts a (K,) at which bonds break under `load` + a · `slope`, and the kinds of load that break them.
 
-    Load over strength, g, is convex, and g(a slope) − g(−load) ≤ g(load + a slope) bounds the amount.
+    Load over strength, g, is convex, and g(a · slope) − g(−load) ≤ g(load + a · slope) bounds the amount.
     """
     begin, growth, against = (judge_loads(bonds, loads)[0] for loads in (load, slope, -load))
     breaks = held & (growth > 0)
@@ -180,18 +180,18 @@ class DecisiveBonds(NamedTuple):
     eigenvalue: complex  # λ that grows fastest or, if none grows, the softest [1/time²]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
     bond: np.ndarray  # (K,) number of the bond
-    i: np.ndarray  # (K,) grains
-    j: np.ndarray  # (K,)
+    i: np.ndarray  # (K,) first grain of the bond
+    j: np.ndarray  # (K,) second grain of the bond
     derivative: np.ndarray  # (K,) ∂λ/∂ln s for a factor s on the stiffness of the bond, complex [1/time²]
     share: np.ndarray  # (K,) load of the bond over its strength
-    verdict_after: np.ndarray  # (K,) after the bond breaks, before forces find a new balance; empty if not computed
+    verdict_after: np.ndarray  # (K,) verdict after the break, before forces find a new balance; empty if not computed
     growth_after: np.ndarray  # (K,) growth rate of the fastest mode after the break [1/time]; NaN if not computed
 
 
 @checked
 @knows_bonds
 def decisive_bonds(state: State, law: Law, *, most: NotNegative = 3) -> DecisiveBonds:
-    """Bonds on which the decisive mode depends: the one that grows fastest, or else the softest.
+    """Bonds on which the decisive mode depends: the fastest-growing mode or, if none grows, the softest.
 
     For a factor s on the stiffness of bond b, dλ = −wᴴ dJ_b v/(wᴴ M v). The spectrum after a break is computed for the
     first `most` bonds, as `contact_sensitivity` does for contacts. Dashpots are ignored.

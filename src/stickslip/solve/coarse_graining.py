@@ -29,8 +29,8 @@ def coarse_grained(state: State, law: Law, *, width: Positive, spacing: Positive
     """Density, packing fraction, velocity and stress as fields on a grid.
 
     The Gaussian is φ(r) = (2π w²)^(−dim/2) exp(−r²/2w²), cut at 6 w. The density is Σ m φ(x − x_i), the packing
-    fraction is the same sum of grain volumes, and the velocity is Σ m v φ/density. `stress` is Σ f ⊗ r ∫ φ(x − x_i + s
-    r) ds over 0 < s < 1 and contacts, with the force f on i and the branch vector r (at a wall up to its surface).
+    fraction is this sum with grain volumes in place of m, and the velocity is Σ m v φ/density. `stress` is the sum of
+    f ⊗ r ∫₀¹ φ(x − x_i + s r) ds over contacts, with the force f on i and the branch vector r (up to a wall's surface).
     `kinetic_stress` is Σ m v ⊗ v φ − density × velocity ⊗ velocity. Sums include periodic images. The cell is divided
     into equal parts, whose centres are the grid points.
 
@@ -46,8 +46,8 @@ def coarse_grained(state: State, law: Law, *, width: Positive, spacing: Positive
     xarray.Dataset
         `density`, `packing_fraction`, `velocity`, `stress` of the elastic contact forces and `kinetic_stress` of
         velocity fluctuations, compression positive; tensors have the dimensions `component` (of the force) and
-        `along` (of the branch vector). Without grains nearby, the velocity is NaN. Dimensions are x, y, z; in a tilted
-        cell they are a, b, c along its vectors, and x, y, z are coordinates. Along directions that are not periodic,
+        `along` (of the branch vector). The velocity is NaN far from grains. Dimensions are x, y, z; in a tilted
+        cell, they are a, b, c along its vectors, and x, y, z are coordinates. Along directions that are not periodic,
         the grid encloses the grains, and fields decrease to zero outside. The mean of `stress` over a periodic cell is
         `measure.stress`
 
@@ -89,7 +89,7 @@ def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _grid_of(state: State, spacing: float) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
-    """Corner and vectors of the box that the grid fills, and its number of points along each of them."""
+    """Corner and vectors of the box that the grid fills, and the number of grid points along each vector."""
     grains, cell = state.grains, state.cell
     low = (grains.position - grains.radius[:, None]).min(axis=0)
     high = (grains.position + grains.radius[:, None]).max(axis=0)
@@ -98,8 +98,8 @@ def _grid_of(state: State, spacing: float) -> tuple[np.ndarray, np.ndarray, tupl
     length = np.linalg.norm(vectors, axis=1)[: cell.dim]
     if (number := np.prod(length / spacing)) > MOST_POINTS:
         raise ValueError(
-            f"spacing = {spacing:g} gives a grid of {number:.2g} points: use a larger spacing, for at most "
-            f"{MOST_POINTS:g}"
+            f"spacing = {spacing:g} gives a grid of {number:.2g} points, more than {MOST_POINTS:g}: use a larger "
+            "spacing"
         )
     shape = [max(1, round(side)) for side in length / spacing]
     if cell.dim == 2:
@@ -120,7 +120,7 @@ def _contact_sources(state: State, law: Law, width: float) -> tuple[np.ndarray, 
 
 
 def _smooth(cell, points, origin, vectors, width: float, position, values) -> np.ndarray:
-    """Sums of values times the Gaussian of the distance to their positions and images, at each point."""
+    """Sum of the values at each point, weighted by the Gaussian of the distance to their positions and images."""
     from scipy.spatial import cKDTree  # slow to import
 
     out, tree = np.zeros((len(points), values.shape[1])), cKDTree(points)

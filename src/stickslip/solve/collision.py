@@ -38,7 +38,7 @@ DOUBLINGS = 60
 class Collision(NamedTuple):
     """Result of a head-on collision of two grains."""
 
-    restitution: float  # speed after over speed before
+    restitution: float  # relative speed after the collision over that before it
     duration: float  # [time]
     peak_force: float  # largest normal force, dashpot included [force]
     peak_overlap: float  # [length]
@@ -87,7 +87,7 @@ def _restitution(run) -> float:
 
 
 def _integrate(law: Law, radius: float, mass: float, speed: float, pair: tuple[int, int], *, dense_output: bool):
-    """Integrate a collision; return the result of SciPy, the force, and the units of its length and time."""
+    """Integrate a collision; return the solution from SciPy, the force, and the units of length and time used in it."""
     if isinstance(law.kind, Kind) or BUILTIN_LAWS[law.kind].parameters:
         raise ValueError(
             "`collision` supports the normal forces k δ and k δ^(3/2) only: for this law, simulate the two grains "
@@ -113,7 +113,7 @@ def _integrate(law: Law, radius: float, mass: float, speed: float, pair: tuple[i
     if not all(1 / LARGEST < size < LARGEST for size in (depth, span, m_eff * speed)):
         raise ValueError(
             f"mass = {mass:g} and speed = {speed:g} give an overlap of {depth:.3g} and a duration of {span:.3g}, "
-            "beyond the range of numbers: use other units"
+            "beyond the range of floating-point numbers: use other units"
         )
     calls = count()
 
@@ -146,8 +146,8 @@ def with_restitution(
 ) -> Law:
     """Law with γ_n chosen to give a head-on collision of two identical grains the given restitution; γ_t = ratio γ_n.
 
-    The restitution is independent of size and speed only for a linear law with mass-weighted dashpots, so both must be
-    given.
+    The restitution is independent of size and speed only for a linear law with mass-weighted dashpots, so `radius`,
+    `mass` and `speed` must be given.
 
     Parameters
     ----------

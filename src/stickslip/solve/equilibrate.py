@@ -1,10 +1,10 @@
 """Search for equilibrium: Newton's method with strongly damped dynamics as a fallback, damped dynamics alone, and FIRE.
 
-A quench of a packing without friction minimises the elastic energy by FIRE, in one compiled loop. A step evaluates the
-normal forces of all pairs in the neighbour list, but no energy. The loop is interrupted only to renew the list.
+A quench of a packing without friction minimises the elastic energy by FIRE, in one compiled loop. Each step evaluates
+the normal forces of all pairs in the neighbour list, but no energy. The loop is interrupted only to renew the list.
 
 Source of FIRE: Bitzek et al., doi:10.1103/PhysRevLett.97.170201, with their parameters, and the step back of Guénolé et
-al., doi:10.1016/j.commatsci.2020.109584, when the motion turns uphill. The longest time step follows the stiffness.
+al., doi:10.1016/j.commatsci.2020.109584, when the motion turns uphill. The stiffness limits the time step.
 """
 
 import warnings
@@ -38,13 +38,13 @@ from .spectrum import soft_modes, symmetric_part_is_positive
 BALANCED = 5e-14  # default tolerance, in natural units of force
 # residuals over the mean normal force at which Newton's method is tried again after damped dynamics
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
-SHARES = (3e-1, 1e-2, 3e-4)  # residuals of the same kind, over the residual at which Newton's method stalled
-FEW = 3000  # steps of damped dynamics in a stage before dynamics starts again from the beginning of the load step
+SHARES = (3e-1, 1e-2, 3e-4)  # the same, as fractions of the residual at which Newton's method stalled
+FEW = 3000  # largest number of steps in a stage of damped dynamics that continues from where Newton's method stalled
 PATIENCE = (8, 1)  # numbers of slow steps in small and in large systems, see `patience_for`
-CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
-DRAG, STEP = 0.3, 0.2  # damped dynamics: drag over the highest frequency, time step times it
-# weaker drags, tried in turn: with these the softest modes of a nearly unjammed packing come to rest sooner, and a
-# packing that creeps without end along one path may find a balance along another
+CHECKED = 12  # number of softest eigenvalues computed where dense algebra is too slow
+DRAG, STEP = 0.3, 0.2  # damped dynamics: drag over the highest frequency, and time step times this frequency
+# weaker drags, tried in turn: with these, the softest modes of a nearly unjammed packing come to rest sooner, and a
+# packing that creeps endlessly along one path may reach equilibrium along another
 WEAK_DRAGS = (0.03, 0.01, 0.003)
 RELAXED, RELAX_DRAG, RELAX_STEP = 1e-14, 0.05, 0.1  # defaults of `relax`, in natural units
 STEPS = 100_000  # quench: largest number of steps
@@ -79,8 +79,8 @@ def equilibrate(
     that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3, 3e-5,
     3e-7 and 3e-9 of the mean contact force, each stage starting at the end of the previous one; finally, this is
     repeated with weaker and weaker drag. Bonds that have reached their strength in the equilibrium then break one by
-    one, in the order of load over strength, with a new equilibrium after each. During damped dynamics, only fading
-    bonds may break.
+    one, the one with the largest load over strength first, with a new equilibrium after each. During damped dynamics,
+    only fading bonds may break.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def _describe_instability(here: LinearisedState, check: str) -> str:
     free, pairs, rate = freedom(here.state), 0, 0.0
     matrix = here.dynamical_matrix(free)
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
-        # without rattlers, whose zeros would crowd out the other eigenvalues
+        # without rattlers, whose zero eigenvalues would crowd out the others
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)
         if symmetric_part_is_positive(matrix[held][:, held], translations(matrix, free)[held]):
             return ""
@@ -241,7 +241,7 @@ def _describe_instability(here: LinearisedState, check: str) -> str:
 
 
 def _is_definite(twice: np.ndarray, scale: float) -> bool:
-    """Return True if half a symmetric matrix is positive definite: every eigenvalue then has a positive real part."""
+    """Return True if `twice` = A + Aᵀ is positive definite: every eigenvalue of A then has a positive real part."""
     try:
         cholesky(0.5 * twice + 1e-8 * scale * np.eye(len(twice)), overwrite_a=True, check_finite=False)
     except LinAlgError:
@@ -270,7 +270,7 @@ def relax(
     ----------
     tolerance : float [force]; default: 1e-14 F, where F is the normal force of the law, extrapolated to an overlap of
     the smallest diameter d, such as k_n d^{3/2}
-    drag, spin_drag : float [1/time]; default of both: 0.05/√(m d/F), with the mass m of the lightest grain
+    drag, spin_drag : float [1/time]; default for both: 0.05/√(m d/F), with the mass m of the lightest grain
     dt : float [time]; default: 0.1 √(m d/F)
     steps : int, largest number allowed
 
@@ -303,11 +303,11 @@ def quench(state: State, law: Law, tolerance: float, steps: int = STEPS) -> Stat
     state : State without walls, all of whose grains are free
     law : Law without friction
     tolerance : float, largest unbalanced force [force]. This force must also be at most 1e-4 of the mean contact force,
-    so that grains that lose all contacts do not count as jammed
+    so that a packing that loses its contacts does not count as jammed
     steps : int, largest number of steps; if they do not suffice, the last positions are returned
     """
     check_kind(law.kind)
-    # neighbours in space are close in memory
+    # sorted by position, so that neighbours in space are close in memory
     order = np.lexsort(np.floor(state.grains.position / (2 * state.grains.radius.max())).T)
     contacts = empty_contacts(state.n_bodies, 0, SKIN * state.grains.radius.min())._replace(gap=state.contacts.gap)
     here = state._replace(grains=Grains(*(part[order] for part in state.grains)), contacts=contacts)

@@ -1,8 +1,8 @@
-"""Fastest-growing complex pair of a large system: the bottom of the spectrum, then random probes above.
+"""Search for the fastest-growing complex pair of a large system, at the bottom of the spectrum and by probes above it.
 
-Growth is g = |Im √λ| ≈ Im λ/(2√λ), so for a given Im λ, pairs with low λ grow fastest. The lowest
-modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
-modes are searched by tangent dynamics (see `solve.probes`). Where factors do not fit into memory, the probes search the
+The growth rate is g = |Im √λ| ≈ Im λ/(2√λ), so for a given Im λ, pairs with low Re λ grow fastest. The lowest modes are
+computed by the shift-and-invert method, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
+modes are found by tangent dynamics (see `solve.probes`). If the factors do not fit into memory, the probes search the
 whole spectrum.
 """
 
@@ -26,28 +26,28 @@ from .probes import CLEAR, Effort, Motion, search_by_probes
 from .spectrum import REAL_BELOW, SoftModes
 
 BLOCK = 8  # number of right-hand sides solved together; eigenvalues up to this multiplicity are resolved
-BOTTOM = 560, 240  # vectors of the subspace at the bottom of the spectrum, up to REFINED_UP_TO coordinates and beyond
-POLISHING = 48, 96, 240, 560  # vectors of the subspaces that refine a pair, starting from it, tried in this order
-NEAR = 0.1  # largest relative change of an eigenvalue that is refined
+BOTTOM = 560, 240  # size of the subspace at the bottom of the spectrum, up to REFINED_UP_TO coordinates and beyond
+POLISHING = 48, 96, 240, 560  # sizes of the subspaces, tried in turn, in which a pair is refined from its vector
+NEAR = 0.1  # largest relative change of an eigenvalue by refinement
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
-GAPS = 2  # largest number of gaps of the spectrum at which the modes below are counted, until the counts agree
+GAPS = 2  # largest number of gaps in the spectrum below which modes are counted, until the counts agree
 ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero mode
-ALONE = 100.0  # Im λ over the residual at which filters end for a pair that is not refined
-DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
+ALONE = 100.0  # ratio of Im λ to the residual at which filtering ends, for a pair that is not refined
+DENSE_BELOW = 1500  # number of coordinates for which LAPACK takes two seconds
 EFFORT = Effort()
-REFINED_UP_TO = 30_000  # coordinates beyond which a pair keeps the precision of the filters, to save a factorisation
+REFINED_UP_TO = 30_000  # number of coordinates above which a pair is not refined further, to save a factorisation
 
 
 class ShiftWindow(NamedTuple):
     """Eigenvalues of A nearest to a shift."""
 
     shift: float  # [1/time²]
-    radius: float  # all eigenvalues this close were computed, provided that the iteration missed none [1/time²]
+    radius: float  # all eigenvalues within this distance were computed, if the iteration missed none [1/time²]
     growing: np.ndarray  # complex eigenvalues with Im λ > 0, and negative real ones; empty if there are none [1/time²]
 
 
 class ShiftWindows:
-    """Eigenvalues near shifts, by shift and invert, and the fastest-growing one of them."""
+    """Eigenvalues nearest to several shifts, by the shift-and-invert method, and the fastest-growing one of them."""
 
     def __init__(self, matrix, norm: float, order: Dissection, rng):
         self.matrix, self.norm, self.order, self.rng = matrix, norm, order, rng
@@ -58,7 +58,7 @@ class ShiftWindows:
     def search(self, shift: float, size: int) -> np.ndarray:
         """Compute and return the eigenvalues nearest to a shift that a subspace of this size resolves."""
         n = self.matrix.shape[0]
-        if 2 * size >= n:  # a subspace of most of the space: all eigenvalues at once
+        if 2 * size >= n:  # the subspace would be most of the space: compute all eigenvalues
             return self._keep(shift, *self._all_eigenvalues())
         shift, solve = self._factorised(shift)
         values, error, vectors = KrylovSubspace(solve, self._start(0)).eigenvalues(shift, size)
@@ -85,13 +85,13 @@ class ShiftWindows:
             self._refine(basis @ y[:, k])
 
     def _start(self, given: int) -> np.ndarray:
-        """(n, BLOCK) vectors: random ones, followed by zeros in place of `given` ones."""
+        """(n, BLOCK) random start vectors, the last `given` of which are zero, to be replaced."""
         start = np.zeros((self.matrix.shape[0], BLOCK))
         start[:, : BLOCK - given] = self.rng.standard_normal((len(start), BLOCK - given))
         return start
 
     def _factorised(self, shift: float) -> tuple[float, Callable[[np.ndarray], np.ndarray]]:
-        """Shift, moved if it is an eigenvalue, and a function that solves with A − shift."""
+        """Shift, moved if it is an eigenvalue, and a function that solves linear systems with A − shift."""
         identity = sparse.eye_array(self.matrix.shape[0], format="csr")
         try:
             return shift, FrontalFactor(self.matrix - shift * identity, self.order).solve
@@ -187,10 +187,10 @@ class Bottom(NamedTuple):
 
     # all λ with Re λ below this are known if the count is confirmed; inf if all were computed, 0 if none [1/time²]
     limit: float
-    found: int  # eigenvalues found below the limit
-    expected: int  # eigenvalues of the symmetric part S below the limit, by Sylvester's law of inertia
+    found: int  # number of eigenvalues found below the limit
+    expected: int  # number of eigenvalues of the symmetric part S below the limit, by Sylvester's law of inertia
     zero: bool  # whether both numbers exclude zero modes, of which only some are found if there are many
-    above: float  # ‖K‖/(2√limit) ≥ growth rate of pairs above the limit, K the skew part [1/time]; ‖K‖/2 for limit 0
+    above: float  # upper bound on growth rates above the limit: ‖K‖/(2√limit), skew part K; ‖K‖/2 for limit 0 [1/time]
 
     @property
     def confirmed(self) -> bool:
@@ -210,9 +210,9 @@ class FastestPair(NamedTuple):
     bottom: Bottom
     exponent: float  # amplification exponent at which a pair above the bottom would have stood out
     duration: float  # duration of the tangent dynamics; inf if all eigenvalues were computed [time]
-    probes: int  # random initial vectors of the tangent dynamics
+    probes: int  # number of random initial vectors of the tangent dynamics
     candidates: list[ShiftWindow]  # windows computed; the first, if any, is that at the bottom
-    unverified: int  # growing peaks of the spectra from which no eigenvalue was extracted
+    unverified: int  # number of growing peaks of the spectra from which no eigenvalue was extracted
     suspected: float  # growth rate of the fastest of these peaks, estimated from its amplitude; 0 if none [1/time]
     free: Freedom
     soft: SoftModes | None = None  # negative and zero λ; None if the bottom of the spectrum was not computed
@@ -224,7 +224,7 @@ class FastestPair(NamedTuple):
 
     @property
     def guarantee(self) -> str:
-        """Guarantee about pairs other than the one found, in words."""
+        """Statement of how far pairs other than the one found are excluded."""
         low, none = self.bottom, "no pair" if self.eigenvalue is None else "no other pair"
         faster = "grows" if self.eigenvalue is None else "grows faster"
         if np.isinf(low.limit):
@@ -279,8 +279,8 @@ def fastest_pair(
     The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs have low frequencies. All modes at the bottom of the
     spectrum are computed by shift and invert, and their number is compared with that of the symmetric part of the
     matrix. For higher modes, random probes run until the time `amplification`/`rate`, or until a mode that was found
-    has grown by exp(`amplification`). By then, any faster mode would stand out. Where power grows, filters extract
-    eigenvalues from the running probes, which distinguishes pairs from nearly degenerate real modes.
+    has grown by exp(`amplification`). By then, any faster mode would stand out. At frequencies where power grows,
+    filters extract eigenvalues from the running probes, which distinguishes pairs from nearly degenerate real modes.
 
     Parameters
     ----------
@@ -294,7 +294,7 @@ def fastest_pair(
     saved : file in which the search is saved every minute, and from which it continues; it is removed at the end
     dense_below : number of coordinates below which LAPACK computes all eigenvalues
     factors_up_to : number of coordinates up to which factors are computed, for the modes at the bottom and, up to
-        30,000 coordinates, to refine the pair to round-off. Beyond that number, the probes alone search the whole
+        30,000 coordinates, to refine the pair to round-off. Beyond `factors_up_to`, the probes alone search the whole
         spectrum
 
     Notes
@@ -340,7 +340,7 @@ def find_fastest(
     rigid = translations(matrix, free)
     matrix = sparse.csr_array(matrix[touched][:, touched])
     order = dissect(state, free, touched, matrix)
-    place = np.concatenate(order.pivots)  # neighbours close in memory
+    place = np.concatenate(order.pivots)  # in this order, neighbours are close in memory
     touched, matrix = touched[place], sparse.csr_array(matrix[place][:, place])
     order = order._replace(pivots=np.split(np.arange(len(place)), np.cumsum([len(part) for part in order.pivots])[:-1]))
     rng = np.random.default_rng(effort.seed)
@@ -390,7 +390,7 @@ def find_fastest(
 
 
 def _search_bottom(windows: ShiftWindows, symmetric, skew: float) -> Bottom:
-    """Compute the modes at the bottom of the spectrum, and check their number in up to GAPS of its gaps."""
+    """Compute the modes at the bottom of the spectrum, and check their number at up to GAPS of its gaps."""
     size, order = BOTTOM[symmetric.shape[0] > REFINED_UP_TO], windows.order
     size = min(size, symmetric.shape[0] // 4)
     values = windows.search(-1e-6 * windows.norm, size).real

@@ -1,4 +1,4 @@
-"""Statistics of a network of contact forces: chains, the strong network, anisotropies of contacts and forces.
+"""Statistics of a network of contact forces: chains, the strong network, and anisotropies of contacts and forces.
 
 All functions accept a state with its law, or measured forces. The force of a bonded pair is that of its contact plus
 that of its bond, as in the stress: a pair whose contact and bond balance each other transmits no force. Bonded pairs
@@ -30,12 +30,12 @@ class ForceNetwork(NamedTuple):
     dim: int
     position: np.ndarray  # (N, 3) positions of grains [length]
     radius: np.ndarray  # (N,) [length]
-    pair_i: np.ndarray  # (C,) grains
-    pair_j: np.ndarray  # (C,) grains, or walls from N on
-    branch: np.ndarray  # (C, 3) from j, or the surface of a wall, to i [length]
+    pair_i: np.ndarray  # (C,) number of the first grain i
+    pair_j: np.ndarray  # (C,) number of the second grain j, or of a wall, from N on
+    branch: np.ndarray  # (C, 3) vectors from j, or from the surface of a wall, to i [length]
     normal: np.ndarray  # (C, 3) unit vectors along `branch`
     force: np.ndarray  # (C, 3) force on i [force]
-    force_n: np.ndarray  # (C,) normal part, positive if it presses [force]
+    force_n: np.ndarray  # (C,) normal part of the force, positive in compression [force]
 
     @property
     def tangential(self) -> np.ndarray:
@@ -64,7 +64,7 @@ class ForceChains(NamedTuple):
 
     chains: list[np.ndarray]  # grains of each chain in order, longest chain first
     lengths: np.ndarray  # (K,) number of grains in each chain
-    loaded: np.ndarray  # (N,) bool, grains whose largest principal stress is above the mean
+    loaded: np.ndarray  # (N,) bool, True for grains whose largest principal stress is above the mean
     stress: np.ndarray  # (N,) largest principal value of Σ f ⊗ r, compression (or `tension`) positive [force length]
 
 
@@ -73,7 +73,7 @@ class StrongNetwork(NamedTuple):
     """Contacts whose normal force is above the mean, and the largest cluster of grains that they join."""
 
     strong: np.ndarray  # (C,) bool over the touching contacts, True for strong ones
-    cluster: np.ndarray  # (C,) bool, contacts of the largest cluster
+    cluster: np.ndarray  # (C,) bool, True for contacts of the largest cluster
     grains: np.ndarray  # (n,) grains of the largest cluster
     clusters: int  # number of clusters of two grains or more
     share_of_pressure: float  # fraction of the pressure borne by strong contacts, 1 if all are strong
@@ -81,7 +81,7 @@ class StrongNetwork(NamedTuple):
 
 @readable
 class Anisotropy(NamedTuple):
-    """Anisotropies of contact directions, normal and tangential forces, and the directions of the largest values."""
+    """Anisotropies of contact directions, of normal forces and of tangential forces, and two of their axes."""
 
     contacts: float  # a_c
     normal: float  # a_n
@@ -101,12 +101,12 @@ class Anisotropy(NamedTuple):
 @checked
 @knows_bonds
 def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
-    """Touching contacts and bonded pairs and their forces, of a state with its law, or of measured forces.
+    """Touching contacts and bonded pairs with their forces, from a state and its law or from measured forces.
 
     Parameters
     ----------
     source : accepted state, or the result of `io.read_forces`
-    law : Law of a state; None for measured forces
+    law : contact law of the state; None for measured forces
 
     Examples
     --------
@@ -263,7 +263,7 @@ def strong_network(source: Source, law: Law | None = None, *, tension: bool = Fa
 @checked
 @knows_bonds
 def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
-    """Anisotropies a_c, a_n, a_t of contact directions, normal and tangential forces, from second-order tensors.
+    """Anisotropies a_c, a_n, a_t of contact directions, normal forces and tangential forces, from second-order tensors.
 
     In a plane, the frequency of contacts is proportional to 1 + a_c cos 2(θ − θ_c), their mean normal force is f₀ (1 +
     a_n cos 2(θ − θ_n)), and their mean tangential force is f₀ a_t sin 2(θ − θ_t). In three dimensions, with unit
@@ -319,7 +319,7 @@ def _deviator(tensor: np.ndarray) -> np.ndarray:
 
 
 def _size(deviator: np.ndarray) -> float:
-    """Largest principal value in a plane, √(3/2) of the norm in three dimensions."""
+    """Largest principal value in a plane, √(3/2) times the norm in three dimensions."""
     return float(np.sqrt((deviator**2).sum() * (0.5 if len(deviator) == 2 else 1.5)))
 
 

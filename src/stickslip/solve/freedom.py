@@ -23,15 +23,15 @@ PAIR_ABOVE = 1e-9  # fraction of the largest |λ| above which |Im λ| is more th
 class Freedom(NamedTuple):
     """Free coordinates q of x = P q + x₀, where x contains (x, y, z, R·angle) of every body.
 
-    P selects the free components; all others are prescribed. Components are ordered body by body. In two dimensions a
-    grain has x, y and R·angle_z. A rigid group has one coordinate per direction, at the position of its first member.
+    P selects the free components; all others are prescribed. Components are ordered body by body. In two dimensions,
+    a grain has x, y and R·angle_z. A rigid group has one coordinate per direction, placed at that of its first member.
     Free components of the cell strain ε come last: their coordinates are ℓ ε_ab with ℓ = V^(1/dim), and grains move
     affinely with the cell, x → x + ε x.
     """
 
     MADE_BY = "freedom"
 
-    component: np.ndarray  # (n,) index of each coordinate in the flattened (B, 6) array, followed by ε (3, 3)
+    component: np.ndarray  # (n,) index of each coordinate in the flattened (B, 6) array of bodies, then ε (3, 3)
     mass: np.ndarray  # (n,) mass, or I/R² for rotations [mass]
     dim: int
     place: np.ndarray  # (6B + 9,) coordinate of each component, −1 if it is prescribed: the nonzero entries of P
@@ -44,7 +44,7 @@ class Freedom(NamedTuple):
 
     @property
     def body(self) -> np.ndarray:
-        """(n,) body of each coordinate; `bodies` for the cell."""
+        """(n,) body of each coordinate; for the cell, the number of bodies."""
         return np.minimum(self.component // 6, self.bodies)
 
     @property
@@ -75,7 +75,7 @@ class Freedom(NamedTuple):
         return len(self.component)
 
     def spread(self, q: np.ndarray) -> np.ndarray:
-        """(B, 6) P q for coordinates q (n,)."""
+        """(B, 6) components P q of all bodies for coordinates q (n,)."""
         return self._expand(q)[: 6 * self.bodies].reshape(-1, 6)
 
     def strain(self, q: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ class Freedom(NamedTuple):
         return self.only(~np.append(bodies, False)[self.body])
 
     def only(self, kept: np.ndarray, length: float | None = None) -> "Freedom":
-        """Freedom of the coordinates in a mask (n,), all others prescribed; `length` is 0 if the cell has none."""
+        """Freedom of the coordinates in the mask `kept` (n,), all others prescribed; `length` 0 excludes the cell."""
         length = self.length if length is None else length
         number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
         return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place], length)
@@ -126,7 +126,7 @@ def freedom(state: State) -> Freedom:
 
 
 def unsupported_grains(state: State, law: Law) -> np.ndarray:
-    """(N,) mask of rattlers, by the number of contacts that a grain needs under this law."""
+    """(N,) mask of rattlers: grains without the number of contacts that support a grain under this law."""
     return rattlers(state, least_supports(law, state.cell.dim))
 
 
@@ -169,9 +169,9 @@ def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndar
 def jacobian(state: State, law: Law, free: Freedom | None = None, *, memory: int = HELD):
     """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode or, with FREE, in that of its trial memory.
 
-    The force on a free component of the cell is Σ f_a r_b − V σ_ab. In addition to the change in f, its row contains
-    f_a δ_b from the change in r and −V σ_ab δ_cd from the change in volume. If `free` is None, the coordinates are
-    those of `freedom(state)`.
+    The force on a free component of the cell is Σ f_a r_b − V σ_ab. In addition to the change in f, its row of J
+    contains f_a δ_b from the change in r and −V σ_ab δ_cd from the change in volume. If `free` is None, the coordinates
+    are those of `freedom(state)`.
 
     Examples
     --------
@@ -204,7 +204,7 @@ def spring_stiffness(state: State, free: Freedom):
 
 
 def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):
-    """(n, n) sparse change in the force on the cell with r and volume, at constant contact forces (C, 3)."""
+    """(n, n) sparse derivative of the force on the cell due to changes in r and volume at constant contact forces."""
     count = len(force)
     turn = np.zeros((9, count, 6))  # ∂(f_a r_b)/∂(r, ρ) at constant f
     for k in range(9):
@@ -282,7 +282,7 @@ class EquationsOfMotion(NamedTuple):
 @checked
 @knows_bonds
 def equations_of_motion(state: Committed, law: Law, free: Freedom | None = None) -> EquationsOfMotion:
-    """Linearise the motion of an accepted state, with each contact held in its mode.
+    """Linearise the equations of motion of an accepted state, with each contact held in its mode.
 
     The coordinates are those of `freedom(state)` unless `free` is given, such as `modes.backbone(state, law)`.
     `io.write_matrices` writes the result. The sign of J is that of a force: the eigenvalues of −M⁻¹J are λ.
@@ -320,7 +320,7 @@ def dynamical_matrix(state: State, law: Law, free: Freedom | None = None):
 
 
 def mass_weighted(matrix, free: Freedom):
-    """(n, n) sparse −M^(−1/2) J M^(−1/2), in place."""
+    """(n, n) sparse −M^(−1/2) J M^(−1/2), which overwrites J."""
     root = 1 / np.sqrt(free.mass)
     matrix.data *= -root[matrix.indices] * np.repeat(root, np.diff(matrix.indptr))
     return matrix
@@ -356,7 +356,7 @@ def incidence(state: State, count: int, free: Freedom, width: int = 6):
 
 
 def resized(state: State, radius: np.ndarray) -> State:
-    """State with other radii (N,), in which no contact has rolled since its memory was committed."""
+    """State with new radii (N,) in which no contact rolls because of the change."""
     contacts, count, angle = state.contacts, int(state.contacts.count[0]), np.zeros((state.n_bodies, 3))
     angle[: len(radius)] = (radius - state.grains.radius)[:, None] * state.grains.angle
     roll = contacts.roll.copy()

@@ -38,8 +38,8 @@ from .stability import combine_stability, stability
 
 AT_MOST = 2_500  # number of coordinates for which all modes are computed within minutes
 STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))  # central differences of fourth order
-SMALL, LEAST = 0.02, 1e-3  # step over the smallest slip of a body, and smallest slip considered, over the overlap
-CONFIDENCE = 0.95  # normal quantile of the interval of a probability
+SMALL, LEAST = 0.02, 1e-3  # step over the smallest slip at a body; smallest slip considered, over the overlap
+CONFIDENCE = 0.95  # confidence of the interval of a probability
 
 
 @readable
@@ -51,7 +51,7 @@ class Gradient(NamedTuple):
     by_force: np.ndarray  # (N + W, 6) complex, with respect to forces and torques/R; grains and slips relax
     by_radius: np.ndarray  # (N,) complex, with respect to radii at constant M; grains and slips relax
     by_parameter: dict[str, complex]  # with respect to nonzero parameters common to all materials; grains relax
-    by_position: np.ndarray  # (N + W, 3) complex, with respect to positions at given slips: effect of errors
+    by_position: np.ndarray  # (N + W, 3) complex, with respect to positions at given slips: effect of their errors
     by_contact: np.ndarray  # (C, 3) complex, the same with respect to the vector r_i − r_j of each pair in the list
     damped: bool = False  # whether the value is s of motions exp(st)
 
@@ -63,7 +63,7 @@ class Gradient(NamedTuple):
         return abs(np.sqrt(complex(self.value)).imag)
 
     def growth_derivative(self, derivative: np.ndarray) -> np.ndarray:
-        """Derivative of the growth rate for a derivative of λ or s."""
+        """Derivative of the growth rate, given that of λ or s."""
         if self.damped:
             return np.real(derivative)
         root = np.sqrt(complex(self.value))
@@ -71,21 +71,21 @@ class Gradient(NamedTuple):
 
 
 class _Mode(NamedTuple):
-    """λ or s and its modes at the contacts: dλ = Σ left · dB right, ds = Σ left · (dB + s dB') right over contacts."""
+    """λ or s and its modes at contacts: dλ = Σ left · dB right, ds = Σ left · (dB + s dB') right with blocks B, B'."""
 
     value: complex
     condition: float
     left: np.ndarray  # (C, w) complex left mode with the factor −1/(uᴴv), or 1/(uᴴ(2s − C)v)
-    right: np.ndarray  # (C, w) complex
+    right: np.ndarray  # (C, w) complex right mode
     rate: complex = 0.0  # s, if dashpots act
 
     def contributions(self, state: State, line: Linearisation, blocks: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """(C,) complex contributions of the contacts to λ or s, modes and s fixed."""
+        """(C,) complex contributions of the contacts to λ or s, at fixed modes and s."""
         return np.einsum("ca,cab,cb->c", self.left, blocks[0] + self.rate * blocks[1], self.right)
 
 
 class _Modulus(NamedTuple):
-    """E:C:E of a strain E, with the non-affine motion of the contacts to the left and to the right of J."""
+    """E:C:E for a strain E, with the non-affine motion of the contacts to the left and to the right of J."""
 
     value: float
     strain: np.ndarray  # (3, 3) E
@@ -95,7 +95,7 @@ class _Modulus(NamedTuple):
     condition: float = np.nan
 
     def contributions(self, state: State, line: Linearisation, blocks: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """(C,) contributions of the contacts to the modulus, the non-affine motion fixed."""
+        """(C,) contributions of the contacts to the modulus, at fixed non-affine motion."""
         force, branch = line.closed[:, None] * line.force, branch_vectors(state)
         affine = np.hstack([branch @ self.strain.T, np.zeros_like(branch)])
         stiff = np.einsum("ca,cab,cb->c", self.left + affine, blocks[0], self.right + affine)
@@ -110,14 +110,14 @@ def eigenvalue_gradient(state: State, law: Law) -> Gradient:
 
     A load, radius or stiffness p also moves the equilibrium, by dq = −J⁻¹ ∂f/∂p, and slips follow. One solve with Jᵀ
     for the adjoint μ, Jᵀμ = −∂λ/∂q, gives dλ/dp = ∂λ/∂p + μᵀ ∂f/∂p for all p. The blocks of contacts are differentiated
-    by central differences, for all grains of one colour of the contact network at once. With dashpots, the exponent s
-    of M s² v = (J + s C) v that grows fastest takes the place of λ, ds = uᴴ(dJ + s dC)v/(uᴴ(2 s M − C)v).
+    by central differences, at once for all grains of one colour, none of which are neighbours. With dashpots, λ is
+    replaced by the fastest-growing exponent s of M s² v = (J + s C) v, with ds = uᴴ(dJ + s dC)v/(uᴴ(2 s M − C)v).
 
     Raises
     ------
     ValueError
-        Beyond 2500 coordinates, 1250 with dashpots; if the forces do not balance; for laws with moments, and for cells
-        that follow a stress.
+        If there are more than 2500 coordinates (1250 with dashpots) or the forces do not balance; for laws with
+        moments; for cells that follow a stress.
 
     Source
     ------
@@ -154,7 +154,7 @@ def modulus_gradient(state: State, law: Law, strain: Numbers) -> Gradient:
     Raises
     ------
     ValueError
-        Where `elastic_moduli` or `eigenvalue_gradient` raises it.
+        As in `elastic_moduli` and `eigenvalue_gradient`.
 
     Examples
     --------
@@ -263,7 +263,7 @@ def _by_given_position(task: "_Task", loads: np.ndarray | None = None) -> np.nda
 
 
 def _by_radius(task: "_Task", pushed: np.ndarray) -> np.ndarray:
-    """(N,) derivatives with respect to radii; see `contributions` for the loads."""
+    """(N,) derivatives with respect to radii; `pushed` contains the `loads` of `contributions`."""
     state, radius = task.here.state, task.here.state.grains.radius
 
     def grown(h: np.ndarray) -> np.ndarray:
@@ -273,7 +273,7 @@ def _by_radius(task: "_Task", pushed: np.ndarray) -> np.ndarray:
 
 
 class _Task(NamedTuple):
-    """A linearised state, the differentiated quantity, and data for differences."""
+    """A linearised state, the quantity to be differentiated, and data for finite differences."""
 
     here: LinearisedState
     answer: _Mode | _Modulus | None
@@ -281,7 +281,7 @@ class _Task(NamedTuple):
     colours: np.ndarray  # (B,) such that no two bodies of a pair in the list have the same colour
 
     def contributions(self, state: State, law: Law | None = None, loads=None) -> np.ndarray:
-        """(C,) complex contributions of the contacts to the answer, and to μᵀf for μ at the contacts (C, 6)."""
+        """(C,) complex contributions of contacts to the answer, plus those to μᵀf if `loads` (C, 6) gives μ there."""
         law = law or self.here.law
         line = linearise(state, law)
         blocks = blocks_of(state, law, line)
@@ -292,9 +292,9 @@ class _Task(NamedTuple):
         return out + (loads * np.hstack([force, np.cross(force, line.normal)])).sum(axis=1)
 
     def by_end(self, function: Callable) -> np.ndarray:
-        """(2, C) derivatives of each contact's contribution to a property of its first and of its second body.
+        """(2, C) derivatives of each contact's contribution with respect to a property of its first and second body.
 
-        function(h) returns the contributions (C,) for changes h (B,) of the properties of bodies.
+        function(h) returns the contributions (C,) for changes h (B,) of this property of all bodies.
         """
         ends = self.ends
         out = np.zeros(ends.shape, complex)
@@ -318,7 +318,7 @@ class _Task(NamedTuple):
 
 
 def _adjoint(here: LinearisedState, free: Freedom, slope: np.ndarray) -> np.ndarray:
-    """(n,) complex μ of Jᵀμ = −slope; free translations have no effect, up to errors of differences."""
+    """(n,) complex solution μ of Jᵀμ = −slope; free translations do not matter, up to finite-difference errors."""
     matrix = stiffness_of(here.state, here.line, blocks_of(here.state, here.law, here.line)[0], free)
     rigid, _ = np.linalg.qr(translations(here.dynamical_matrix(free), free) / np.sqrt(free.mass)[:, None])
     slope = slope - rigid @ (rigid.T @ slope)
@@ -415,7 +415,7 @@ def _every_coordinate(state: State) -> Freedom:
 
 
 def _steps(state: State) -> np.ndarray:
-    """(B,) steps of differences, small compared with the overlaps, gaps and slips of a body."""
+    """(B,) steps of finite differences, small compared with the overlaps, gaps and slips of each body."""
     contacts, size = state.contacts, np.abs(overlaps(state))
     slip = np.linalg.norm(contacts.slip[: len(size)], axis=1)
     size = np.clip(slip, LEAST * size, size)
@@ -440,7 +440,7 @@ def _colours(state: State) -> np.ndarray:
 
 
 def with_given_slips(state: State) -> State:
-    """State in which moved grains have given slips; pairs that now touch stick, without slip."""
+    """State of moved grains in which contacts keep their slips; pairs that now touch stick, without slip."""
     contacts, count = state.contacts, int(state.contacts.count[0])
     branch, over = branch_vectors(state), overlaps(state)
     normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
@@ -456,10 +456,10 @@ def with_given_slips(state: State) -> State:
 class VerdictProbability(NamedTuple):
     """Probability of the verdict on a packing whose positions have errors."""
 
-    stable: int  # samples without a growing mode
+    stable: int  # number of samples without a growing mode
     samples: int
-    low: float  # bounds of the probability that it is stable, with a confidence of 95 %
-    high: float
+    low: float  # lower bound of the probability that the packing is stable, with a confidence of 95 %
+    high: float  # upper bound of this probability
     eigenvalue: complex  # decisive λ of the given packing [1/time²]
     deviation: float  # standard deviation of Re λ, or of Im λ of a pair, to first order [1/time²]
     contact: tuple[int, int]  # bodies of the contact that contributes most to the variance
@@ -481,18 +481,18 @@ def verdict_probability(
     seed: Seed = 0,
     report: Report = silent,
 ) -> VerdictProbability:
-    """Probability that a packing is stable given measurement errors of its positions, and the decisive contact.
+    """Probability that a packing is stable, given measurement errors of its positions, and the decisive contact.
 
     Normal errors are added to all positions; slips keep their given values. Errors of X-ray or photoelastic data are
     much larger than the displacements to which forces are sensitive, so the samples need not balance: the balancing
     forces of the given positions are assumed. The decisive contact is the one whose distance contributes most, to first
-    order, to the variance of λ. For errors of 1e-4, this `deviation` was within 3 % of the spread of 200 samples
-    (`tests/modes/test_gradient.py`).
+    order, to the variance of λ. For errors of 1e-4, the first-order `deviation` was within 3 % of the spread of 200
+    samples (`tests/modes/test_gradient.py`).
 
     Parameters
     ----------
     position_error : standard deviation of each coordinate over the mean radius
-    samples : number of packings
+    samples : number of packings with random errors
 
     Raises
     ------

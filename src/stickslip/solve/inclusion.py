@@ -1,4 +1,4 @@
-"""Inflation of grains in a packing: displacements around them, and fits of elasticity and of screening by dipoles."""
+"""Inflation of grains in a packing: displacements around them, and fits of an elastic response or of screening."""
 
 from typing import NamedTuple
 
@@ -21,15 +21,15 @@ from .gradient import STENCIL
 from .moduli import elastic_moduli, solve_resisted
 
 FEWEST, GRAINS = 5, 10  # smallest numbers of rings in a fit, and of grains in a ring
-MANY = 10  # smallest number of centres whose scatter gives the errors; with fewer, sectors are used
+MANY = 10  # smallest number of centres whose scatter gives the errors; with fewer centres, sectors are used
 STRONG = 6.0  # smallest significant difference of AICc: a likelihood ratio of 20
 CONFIDENCE = 0.95  # confidence of intervals
-ELASTIC_BELOW = 1e-6  # |κ| r below which the functions of elasticity are used
+ELASTIC_BELOW = 1e-6  # |κ| r below which the solutions without screening are used
 ROUND_OFF = 1e-12  # smallest scatter over the radial displacement
 MODELS = ("elastic", "dipole", "odd")  # models with 0, 1 and 2 components of κ²
 ANGLES = 8  # number of angles of κ² from which fits start
-SMALL = 0.02  # step of differences over the smallest overlap or gap of a grain that grows
-LEAST = 1e-9  # growth of a grain, above the round-off of positions and pressures
+SMALL = 0.02  # step of finite differences over the smallest overlap or gap of a grain that grows
+LEAST = 1e-9  # smallest growth of a grain, above the round-off of positions and pressures
 RANGE = 0.25  # largest displacement over the skin of the contact list for which the list is valid
 INNER = 2.0  # inner radius of a fit, in mean diameters
 
@@ -43,8 +43,8 @@ class Rings(NamedTuple):
     mean: np.ndarray  # (k, Q) radial and, in the plane (k = 2), tangential displacement [length]
     error: np.ndarray  # (k, Q) standard errors: scatter in the ring, enlarged because neighbours move together [length]
     covariance: np.ndarray  # (kQ, kQ) covariance of `mean.ravel()`, from the scatter between parts [length²]
-    count: np.ndarray  # (Q,) displacements in each ring
-    parts: int  # independent parts whose scatter is the error: centres, or sectors around them
+    count: np.ndarray  # (Q,) number of displacements in each ring
+    parts: int  # number of independent parts whose scatter gives the errors: centres, or sectors around them
 
 
 @readable
@@ -60,7 +60,7 @@ class DisplacementFit(NamedTuple):
     screening: complex  # κ² = κ_e² + iκ_o² [1/length²]
     errors: np.ndarray  # half-widths of 95 % intervals: Re near, Re far, Im near, Im far, κ_e², κ_o², if fitted
     misfit: float  # χ²
-    aicc: float  # AICc with χ² over its excess in the richest model; comparable between fits to the same rings
+    aicc: float  # AICc, with χ² divided by the overdispersion in the richest model; comparable for the same rings
     rings: Rings
 
     def displacement(self, distance: np.ndarray) -> np.ndarray:
@@ -71,11 +71,11 @@ class DisplacementFit(NamedTuple):
 
 @readable(head=lambda fits: fits.verdict)
 class ScreeningFits(NamedTuple):
-    """Fits of elasticity, screening by dipoles and odd screening to the same rings, with free amplitudes.
+    """Fits of elasticity, of screening by dipoles and of odd screening to the same rings, with free amplitudes.
 
     The amplitudes are free, so that the fits are valid inside any boundary. κ_e² may be negative. Intervals follow from
-    the covariance of the rings, which move together. AICc is that of overdispersed data (Burnham & Anderson,
-    doi:10.1007/b97636, § 2.5).
+    the covariance of the rings, whose displacements are correlated. AICc is that of overdispersed data (Burnham &
+    Anderson, doi:10.1007/b97636, § 2.5).
 
     Source
     ------
@@ -95,7 +95,7 @@ class ScreeningFits(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Sentence on whether the sample responded like an elastic body."""
+        """Sentence on whether the packing responded like an elastic body."""
         elastic, best = self.models[0], self.models[MODELS.index(self.preferred)]
         if best is elastic:
             gain = elastic.aicc - min(fit.aicc for fit in self.models[1:])
@@ -113,9 +113,9 @@ def rings_of(offset, components, counted, width: float, within: tuple[float, flo
 
     Parameters
     ----------
-    offset : (M, N, dim) [length]
+    offset : (M, N, dim) positions relative to the centres [length]
     components : distance, radial and tangential displacement, (M, N) each [length]
-    counted : (M, N) bool
+    counted : (M, N) bool, True for displacements that count
     """
     ring = np.floor((components[0] - within[0]) / width)
     whole = max(int(np.floor((within[1] - within[0]) / width + 1e-9)), 0)
@@ -135,7 +135,7 @@ def rings_of(offset, components, counted, width: float, within: tuple[float, flo
 
 
 def _parts(offset: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, int]:
-    """Independent part of each counted displacement, its centre or one of eight sectors, and the number of parts."""
+    """Part to which each counted displacement belongs, a centre or one of eight sectors, and the number of parts."""
     center = np.broadcast_to(np.arange(len(offset))[:, None], counted.shape)[counted]
     if len(offset) >= MANY:
         return center, len(offset)
@@ -146,7 +146,7 @@ def _parts(offset: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _ring_means(ring: np.ndarray, values: list[np.ndarray], part: np.ndarray, parts: int) -> Rings:
-    """Rings of distances and displacements, given the ring and the part of each."""
+    """Means of distances and displacements over rings, given the ring and the part of each value."""
     count = np.bincount(ring)
     means = np.array([np.bincount(ring, value) / count for value in values])
     deviations = np.array(values) - means[:, ring]
@@ -169,7 +169,7 @@ def screening_fits(rings: Rings, lame: float) -> ScreeningFits:
 
 
 def _functions(screening: complex, distance: np.ndarray, rings: Rings) -> np.ndarray:
-    """(K, 2) solutions f and g, which are analytic in κ² and are those of elasticity at κ² = 0."""
+    """(K, 2) solutions f and g, which are analytic in κ² and equal those of elasticity at κ² = 0."""
     scale, k = float(np.sqrt(rings.radius[0] * rings.radius[-1])), np.sqrt(complex(screening))
     planar = len(rings.mean) == 2
     if abs(k) * scale < ELASTIC_BELOW:
@@ -184,7 +184,7 @@ def _functions(screening: complex, distance: np.ndarray, rings: Rings) -> np.nda
 def _design(screening: complex, rings: Rings) -> np.ndarray:
     """(kQ, 2k) displacements in rings per real amplitude: Re near, Re far and, in the plane, Im near, Im far.
 
-    The mean over a ring is taken over two distances with the same mean and variance, exact to third order.
+    The mean over a ring is replaced by that at two distances with the same mean and variance, exact to third order.
     """
     f = sum(_functions(screening, rings.radius + side * rings.spread, rings) for side in (-1, 1)) / 2
     return f.real if len(rings.mean) == 1 else np.block([[f.real, -f.imag], [f.imag, f.real]])
@@ -200,7 +200,7 @@ def _solve(screening: complex, rings: Rings) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _minimum(rings: Rings, unknowns: int) -> tuple[np.ndarray, np.ndarray]:
-    """κ² (those of its real and imaginary parts that are unknown), and residuals, of the best fit from many starts.
+    """Unknown real and imaginary parts of κ² in the best fit from many starts, and its residuals.
 
     Wavelengths shorter than four rings are excluded.
     """
@@ -254,17 +254,17 @@ def _fit(rings: Rings, parts: np.ndarray, left: np.ndarray, excess: float) -> Di
 class Inflation(NamedTuple):
     """Displacements in a packing around inflated grains, each in a separate experiment."""
 
-    growth: float  # relative growth of their radii
+    growth: float  # relative growth of the radii
     centers: np.ndarray  # (M,) numbers of the inflated grains
-    offset: np.ndarray  # (M, N, dim) initial position of the nearest image relative to the centre [length]
-    displacement: np.ndarray  # (M, N, dim) less its mean if nothing holds the packing in place [length]
-    counted: np.ndarray  # (M, N) counted grains: free, not rattlers, not inflated
+    offset: np.ndarray  # (M, N, dim) initial position of each grain's nearest image relative to the centre [length]
+    displacement: np.ndarray  # (M, N, dim) displacements, less their mean if nothing holds the packing [length]
+    counted: np.ndarray  # (M, N) True for grains that count: free, and neither rattlers nor inflated
     diameter: float  # mean diameter [length]
     outer: float  # distance up to which circles or spheres around all centres are whole [length]
-    volume: float  # volume of the periodic cell; NaN if grains are held, or there are walls or open sides
+    volume: float  # volume of the periodic cell; NaN if grains are held, or if there are walls or open sides
     lame: np.ndarray  # (M,) A of u_r = A/r^(dim−1) + B r from moduli and change of pressure; NaN as above [length^dim]
-    states: list[State]  # states at the end of quasi-static steps; none in linear response
-    changes: np.ndarray  # (M, K, 4) numbers of contacts that opened, closed, began to slide, stopped, in each step
+    states: list[State]  # states at the end of quasi-static steps; empty for a linear response
+    changes: np.ndarray  # (M, K, 4) numbers of contacts that opened, closed, began or ceased to slide in each step
 
     @property
     def dim(self) -> int:
@@ -273,7 +273,7 @@ class Inflation(NamedTuple):
 
     @property
     def components(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(M, N) distance from the centre, radial displacement and, in the plane, tangential, else zero [length]."""
+        """(M, N) distance from the centre, and radial and (zero in 3D) tangential displacement [length]."""
         distance = np.linalg.norm(self.offset, axis=2)
         n, u = self.offset / np.where(distance == 0, 1.0, distance)[..., None], self.displacement
         turning = n[..., 0] * u[..., 1] - n[..., 1] * u[..., 0] if self.dim == 2 else np.zeros_like(distance)
@@ -293,12 +293,12 @@ class Inflation(NamedTuple):
 
         Parameters
         ----------
-        inner, outer : range of distances; default: two mean diameters, and `outer` [length]
+        inner, outer : range of distances; default: from two mean diameters to the attribute `outer` [length]
 
         Raises
         ------
         ValueError
-            If there are fewer than five rings with ten grains.
+            If there are fewer than five rings with at least ten grains.
         """
         ends = INNER * self.diameter if inner is None else inner, self.outer if outer is None else outer
         require_not_negative(inner=ends[0], outer=ends[1])
@@ -312,17 +312,17 @@ def inflate(
 ) -> Inflation:
     """Linear response to the inflation of a grain: u = −J⁻¹ ∂f/∂R · growth · R, with each contact held in its mode.
 
-    A contact that slides keeps sliding, even if it would stick in a step of `protocols.inflate`. The two differed by up
-    to 0.02 % of the largest displacement for a growth of 1e-6, and by 0.2 % for 1e-5 (`tests/modes/test_inclusion.py`).
+    A contact that slides keeps sliding, even if it would stick in a step of `protocols.inflate`. Both results agreed to
+    0.02 % of the largest displacement for a growth of 1e-6, and to 0.2 % for 1e-5 (`tests/modes/test_inclusion.py`).
 
-    In an isotropic elastic body the mean of u_r over a circle or sphere is A/r^(dim−1) + B r (Lamé). In a periodic cell
+    In an isotropic elastic body, u_r averaged over a circle or sphere is A/r^(dim−1) + B r (Lamé). In a periodic cell
     of area or volume V, B = −πA/V or −4πA/3V, and A = M/(2π(K + G)) or M/(4π(K + 4G/3)), with the force dipole M =
     V ΔP for the change ΔP of the pressure of the packing, which includes the response of the neighbours.
 
     Parameters
     ----------
-    grain : number of the grain, or of several, each inflated alone, whose displacements are averaged; default: the
-        grain nearest to the middle. One factorisation serves all of them
+    grain : number of the grain, or numbers of several grains, which are inflated one at a time; fits use averages over
+        all of them; default: the grain nearest to the middle. One factorisation serves all of them
     growth : relative change of the radius; it must be so small that no contact opens, closes or begins to slide
     within : distance from the given centre within which other grains grow with it [length]
 
@@ -377,9 +377,9 @@ def inflated_grains(here: LinearisedState, grain, growth: float, within: float) 
         grain = np.where(moves, away, np.inf).argmin()
     centers = body_numbers(state.control, grain)
     if not len(centers) or len(np.unique(centers)) < len(centers):
-        raise ValueError("grains must not be empty or repeated: give each grain once")
+        raise ValueError("give at least one grain, and each grain once")
     for worst in centers[centers >= n]:
-        raise ValueError(f"only grains, 0 to {n - 1}, can be inflated, but body {worst} is a wall")
+        raise ValueError(f"only grains (0 to {n - 1}) can be inflated, but body {worst} is a wall")
     for worst in centers[~moves[centers]]:
         kind = "a rattler" if here.loose[worst] else "held in place"
         raise ValueError(f"grain {worst} is {kind}: inflate a free grain that carries forces")
@@ -391,7 +391,7 @@ def inflated_grains(here: LinearisedState, grain, growth: float, within: float) 
 
 
 def as_inflation(here: LinearisedState, centers, grown, growth, displacement, ends, changes=None) -> Inflation:
-    """Result for displacements (M, N, 3) and final states, without a free translation."""
+    """Result for displacements (M, N, 3), less any free translation, and final states."""
     state, law, moves, dim = here.state, here.law, _moves(here), here.state.cell.dim
     lame, size, control = np.full(len(centers), np.nan), np.nan, state.control
     if not len(state.walls.mass) and not control.spring.any() and control.free[:, :dim].all():
@@ -415,7 +415,7 @@ def _moves(here: LinearisedState) -> np.ndarray:
 
 
 def _offsets(state: State, points: np.ndarray) -> np.ndarray:
-    """(M, N, 3) positions relative to points, of nearest images within half the height of the cell [length]."""
+    """(M, N, 3) positions of nearest images relative to points, within half the height of the cell [length]."""
     away = state.grains.position - points[:, None]
     cell = np.where(state.cell.periodic[:, None], state.cell.vectors, np.eye(3))
     return away - np.round(away @ np.linalg.inv(cell)) * state.cell.periodic @ cell
@@ -452,7 +452,7 @@ def _pull(here: LinearisedState, grown: np.ndarray, free: Freedom) -> np.ndarray
 
 
 def _check_contacts(here: LinearisedState, state_at, growth: float, largest: float) -> None:
-    """Raise ValueError for the first contact that changes, if any; `largest` is the displacement per growth."""
+    """Raise ValueError for the first contact that changes, if any; `largest` is the largest motion per growth."""
     contacts, change, allowed = here.state.contacts, "", growth
     reach = RANGE * contacts.skin / max(largest, here.state.grains.radius.max())
     if abs(growth) > reach:

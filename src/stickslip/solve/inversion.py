@@ -14,13 +14,13 @@ from ..core.state import STICK, assembly, box, disks
 
 INVERSIONS, BISECTIONS = 30, 60
 ROUND_OFF = 1e-15  # round-off of a force, and of the sum of two radii
-ITERATIONS, GAP, RESIDUAL = 60, 1e-11, 1e-9  # search for a nearest point: most steps; complementarity, residuals
-BACK = 0.995  # share of the way to the nearest bound
-SOFT = 1e-12  # compliance of equations, so that redundant ones have multipliers
+ITERATIONS, GAP, RESIDUAL = 60, 1e-11, 1e-9  # nearest point: most steps, largest complementarity gap and residual
+BACK = 0.995  # share of the way to the nearest bound that a step takes
+SOFT = 1e-12  # compliance of the equations, so that redundant ones have multipliers too
 
 
 def overlap_of_force(law: Law, radius: np.ndarray, force_n: np.ndarray) -> tuple[np.ndarray, Linearisation]:
-    """(C,) overlaps of contacts with radii (2, C) and normal forces, and values of the law, by Newton iteration."""
+    """(C,) overlaps that give normal forces `force_n`, by Newton iteration, and the law evaluated at them."""
     most = radius.min(axis=0)
     overlap = 1e-3 * most
     for _ in range(INVERSIONS):
@@ -40,7 +40,7 @@ def overlap_of_force(law: Law, radius: np.ndarray, force_n: np.ndarray) -> tuple
 
 
 def slip_of_force(law: Law, radius: np.ndarray, overlap: np.ndarray, force_t: np.ndarray, line: Linearisation):
-    """(C,) sizes of the slips with given sizes of the tangential forces, by bisection up to the Coulomb limit."""
+    """(C,) magnitudes of the slips that give tangential forces `force_t`, by bisection up to the Coulomb limit."""
     low, high = np.zeros(len(overlap)), line.limit / line.stiffness_t
     for _ in range(BISECTIONS):
         slip = (low + high) / 2
@@ -50,7 +50,7 @@ def slip_of_force(law: Law, radius: np.ndarray, overlap: np.ndarray, force_t: np
 
 
 def _evaluate(law: Law, radius: np.ndarray, overlap: np.ndarray, slip=0.0) -> Linearisation:
-    """Law at separate contacts of disks."""
+    """Law evaluated at separate contacts of disks."""
     count = len(overlap)
     place = np.zeros((2, count, 2))
     place[1, :, 0], place[..., 1] = radius.sum(axis=0) - overlap, 4 * radius.max() * np.arange(count)
@@ -94,11 +94,11 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> 
         try:
             solve = splu(
                 sparse.csc_array(whole)
-            ).solve  # this column ordering has a tenth of the fill of one by degrees
+            ).solve  # the default column ordering causes a tenth of the fill of a minimum-degree ordering
         except RuntimeError:  # singular
             return None
         excess = -v * w
-        for corrected in (False, True):  # v w must change by the excess
+        for corrected in (False, True):  # predictor, then corrector: the products v w change by `excess`
             step = solve(np.concatenate([g.T @ ((excess - v * above) / w) - dual, -equal]))
             dz, dy = step[: len(z)], -step[len(z) :]
             dw = g @ dz + above
@@ -114,6 +114,6 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> 
 
 
 def _reach(value: np.ndarray, step: np.ndarray) -> float:
-    """Longest step along which no value becomes negative, at most 1/BACK: times BACK, this is a full step."""
+    """Longest step along which no value becomes negative, at most 1/BACK, which times BACK is a full step."""
     falls = step < 0
     return min(1 / BACK, (-value[falls] / step[falls]).min(initial=np.inf))

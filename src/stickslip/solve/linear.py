@@ -24,12 +24,12 @@ from ..core.state import State
 from ..extras import MissingExtraError, broken_extra, is_installed, require
 from .freedom import Freedom
 
-DENSE_BELOW = 700  # coordinates below which LAPACK is faster than a sparse factorisation
-RESTART = 100  # vectors that GMRES stores
+DENSE_BELOW = 700  # number of coordinates below which LAPACK is faster than a sparse factorisation
+RESTART = 100  # number of vectors that GMRES stores
 Solve = Callable[[np.ndarray], np.ndarray]
-LEAF = 24  # bodies that nested dissection does not divide further
-HUB = 8  # bodies with this many times the mean number of neighbours, such as walls, are eliminated last
-FACTORS_UP_TO = 90_000  # coordinates: factors for 60,000 take 3 GiB, those for twice this number 7 GiB
+LEAF = 24  # number of bodies in a part that nested dissection does not divide further
+HUB = 8  # bodies with more than this multiple of the mean number of neighbours, such as walls, are eliminated last
+FACTORS_UP_TO = 90_000  # number of coordinates; factors for 60,000 take 3 GiB, those for 120,000 take 7 GiB
 
 
 @cache
@@ -64,7 +64,7 @@ def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> S
 
     Parameters
     ----------
-    matrix : (n, n) sparse, all diagonal entries stored
+    matrix : (n, n) sparse, with all diagonal entries stored
     method : "dense", "pardiso" or "superlu"; default: chosen by size and installed libraries
     ordered : whether the coordinates are already in a fill-reducing order, so that SuperLU need not compute one
 
@@ -75,7 +75,7 @@ def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> S
     """
     method = method or ("dense" if matrix.shape[0] < DENSE_BELOW else "pardiso" if has_pardiso() else "superlu")
     if method == "superlu":
-        # with so little fill there are no wide supernodes that would benefit from panels
+        # with so little fill, there are no wide supernodes that would benefit from panels
         return (
             _factorise_superlu(matrix, "NATURAL", relax=1, panel_size=1)
             if ordered
@@ -132,7 +132,7 @@ def _factorise_pardiso(matrix) -> Solve:
 
 
 def block_diagonal_solve(matrix, groups: np.ndarray) -> Solve:
-    """Return a function that solves with the diagonal blocks of a sparse matrix, a preconditioner for `iterate`.
+    """Return a function that inverts the diagonal blocks of a sparse matrix, as a preconditioner for `iterate`.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def block_diagonal_solve(matrix, groups: np.ndarray) -> Solve:
     width = int(offset.max(initial=0)) + 1
     blocks = np.zeros((len(starts), width, width))
     blocks[:, np.arange(width), np.arange(width)] = 1.0
-    blocks[block, offset, offset] = 1e-9 * np.abs(matrix.data).max(initial=0.0)  # regular even without a contact
+    blocks[block, offset, offset] = 1e-9 * np.abs(matrix.data).max(initial=0.0)  # regular even without contacts
     np.add.at(blocks, (block[rows], offset[rows], offset[cols]), matrix.data[inside])
     inverse, slot = np.linalg.inv(blocks), width * block + offset
 
@@ -182,7 +182,7 @@ def iterate(matrix, b: np.ndarray, precondition: Solve, relative: float, limit: 
 class Dissection(NamedTuple):
     """Order of elimination: one entry for each part, children before their parents."""
 
-    pivots: list[np.ndarray]  # coordinates eliminated with each part
+    pivots: list[np.ndarray]  # coordinates that are eliminated with each part
     children: list[list[int]]
 
 
@@ -235,7 +235,7 @@ def dissect(state: State, free: Freedom, coordinates: np.ndarray, matrix) -> Dis
 
 
 def _cut(graph, side: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Halves of sorted nodes, less the smaller of the two sets that can separate the halves, and this set."""
+    """Two halves of sorted nodes without the smaller of the two sets that can separate them, and this set."""
     half = len(nodes) // 2
     first, second = nodes[:half], nodes[half:]
     side[first], side[second] = 1, 2
@@ -247,13 +247,13 @@ def _cut(graph, side: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _touches(graph, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Mask of the nodes with a neighbour among others, a mask of all nodes."""
+    """Mask of the nodes with a neighbour in `others`, which is a mask of all nodes."""
     own = graph[nodes]
     return np.bincount(np.repeat(np.arange(len(nodes)), np.diff(own.indptr)), others[own.indices], len(nodes)) > 0
 
 
 class FrontalFactor:
-    """LU factors of a sparse matrix with a symmetric pattern; pivoting is restricted to within each part.
+    """LU factors of a sparse matrix with a symmetric pattern; rows are exchanged only within each part.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from ..core.state import State
 from .freedom import Freedom, assembled, backbone, incidence, jacobian
 from .linear import factorised
 
-# row sum of J over the largest, above which a coordinate counts as resisted, unlike rotations without friction
+# row sum of J over the largest row sum, above which a coordinate counts as resisted; excludes frictionless rotations
 HELD_ABOVE = 1e-13
 SOLVED = 1e-9  # largest residual of the non-affine motion, over the largest row of J, for a valid solution
 DENSE_UP_TO = 3_000  # number of coordinates up to which floppy modes are distinguished from unsupported loads
@@ -28,7 +28,7 @@ VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2)
 class ElasticModuli(NamedTuple):
     """C_abcd = −∂σ_ab/∂G_cd for a displacement gradient G, and its affine part [force/length^(dim−1)].
 
-    `shear`, `bulk` and so on are the moduli of the isotropic tensor nearest to C. In two dimensions they are plane
+    `shear`, `bulk` and so on are the moduli of the isotropic tensor nearest to C. In two dimensions, they are plane
     moduli.
     """
 
@@ -59,12 +59,12 @@ class ElasticModuli(NamedTuple):
 
     @property
     def shear(self) -> float:
-        """G = (C_abab − C_aabb/dim)/((dim − 1)(dim + 2)), C symmetrised in a, b and c, d."""
+        """G = (C_abab − C_aabb/dim)/((dim − 1)(dim + 2)), with C symmetrised in a, b and in c, d."""
         return isotropic(self.tensor)[1]
 
     @property
     def bulk_affine(self) -> float:
-        """K of the affine part."""
+        """Bulk modulus K of the affine part."""
         return isotropic(self.affine)[0]
 
     @property
@@ -88,7 +88,7 @@ class ElasticModuli(NamedTuple):
         """K^o of the isotropic part of C in two dimensions, zero in three (Scheibner, doi:10.1038/s41567-020-0795-y).
 
         With s₂ = G_xx − G_yy, s₃ = G_xy + G_yx and tension τ, τ_xx − τ_yy = 2G s₂ + 2K^o s₃, τ_xy + τ_yx = 2G s₃ −
-        2K^o s₂. A cycle of strain, counterclockwise in (s₂, s₃), does work of 2K^o times its area per unit volume.
+        2K^o s₂. A cycle of strain, counterclockwise in (s₂, s₃), does work per unit volume of 2K^o times its area.
         """
         return float(self._planar[2, 3] - self._planar[3, 2]) / 2 if self.dim == 2 else 0.0
 
@@ -96,7 +96,7 @@ class ElasticModuli(NamedTuple):
     def odd_torque(self) -> float:
         """A of the isotropic part of C in two dimensions: τ_yx − τ_xy = 2A (G_xx + G_yy); source: as for `odd_shear`.
 
-        A vanishes where torques balance, with lever arms R only up to terms of the order of overlap over diameter.
+        A vanishes where torques balance; for lever arms R, a remainder of the order of overlap over diameter is left.
         """
         return float(self._planar[1, 0]) if self.dim == 2 else 0.0
 
@@ -113,7 +113,7 @@ class ElasticModuli(NamedTuple):
 
     @property
     def asymmetry(self) -> float:
-        """Fraction of C without the major symmetry C_abcd = C_cdab: zero without stress if forces have a potential."""
+        """Antisymmetric fraction of C, C_abcd ≠ C_cdab: zero without stress if forces have a potential."""
         c = symmetrised(self.tensor)
         return float(np.linalg.norm(c - c.transpose(2, 3, 0, 1)) / 2 / np.linalg.norm(c))
 
@@ -127,7 +127,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     cell, x → x + Gx, and do not rotate. The second term is the contribution of the non-affine motion that restores the
     balance of forces and torques. Each contact is held in its mode, so C is a tangent modulus: it is valid for strains
     so small that no contact opens, closes, or changes between stick and slide. σ is the Cauchy stress, compression
-    positive, so C is positive where a packing resists. Under a pressure p it differs from the second derivative of
+    positive, so C is positive where a packing resists. Under a pressure p, C differs from the second derivative of
     an energy by terms of order p. Rattlers are excluded.
 
     In 16 disks and 20 spheres without sliding contacts, with overlaps of 1 to 3 %, the change of the shear stress
@@ -178,14 +178,14 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
 
 
 def adjoint_motion(state: State, law: Law, strain: np.ndarray) -> np.ndarray:
-    """(n,) motion of the grains for a strain (dim, dim) with J_ggᵀ in place of the J_gg of `ElasticModuli.motion`."""
+    """(n,) motion of the grains for a strain (dim, dim), as in `ElasticModuli.motion` but with J_ggᵀ for J_gg."""
     _, matrix, free, grain, cell = with_free_cell(state, law)
     pull = free.length * (matrix[cell][:, grain].T @ strain.ravel())
     return solve_resisted(matrix[grain][:, grain].T.tocsr(), pull[:, None], free)[:, 0]
 
 
 def with_free_cell(state: State, law: Law):
-    """State with a cell that is free under its own stress, its J and coordinates, and those of grains and cell."""
+    """State whose cell is free under its present stress, its J and coordinates, and those of grains and cell alone."""
     check_cell(state, "elastic moduli")
     dim = state.cell.dim
     free_cell = np.zeros((3, 3), bool)
@@ -215,7 +215,7 @@ def solve_resisted(matrix, pull: np.ndarray, free: Freedom, cause: str = "a stra
     scale = size.max(initial=0.0)
     held = size > HELD_ABOVE * scale
     solved = held.copy()
-    for k in range(free.dim):  # one coordinate is held if nothing resists a common translation
+    for k in range(free.dim):  # one coordinate per axis is held if nothing resists a common translation
         along = held & (axis == k)
         if along.any() and np.abs(matrix @ along.astype(float)).max() <= 1e-10 * largest:
             solved[np.flatnonzero(along)[0]] = False
@@ -300,7 +300,7 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
     """Elastic moduli and their bounds: Voigt by affine motion, Reuss by smooth contact forces under a uniform stress.
 
     Voigt: all grains move with the cell and do not rotate; no motion has less elastic energy than the true one. Reuss:
-    contact forces that balance on each grain, torques included, and add up to the stress; no such forces have less
+    contact forces balance on each grain, as do torques, and add up to the stress; no such forces have less
     complementary energy than the true ones. Those with the smallest Σ|f|² are used, as in a packing whose contacts are
     equally stiff along and across the normal. Both bounds are theorems for forces that have a potential: they hold for
     packings without sliding contacts, up to terms of the order of stress over stiffness.
@@ -308,7 +308,7 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
     Raises
     ------
     ValueError
-        As in `elastic_moduli`, or if no forces balance under some stress.
+        As in `elastic_moduli`, or if there is a stress that no contact forces balance.
 
     Source
     ------
@@ -344,5 +344,5 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
     if not np.linalg.cond(matrix) < 1e12:
-        raise ValueError("no contact forces balance a stress: bounds of moduli need a packing that carries any stress")
+        raise ValueError("no contact forces balance a certain stress: bounds need a packing that carries every stress")
     return np.linalg.inv(matrix)

@@ -20,25 +20,25 @@ from .linear import DENSE_BELOW, Solve, block_diagonal_solve, factorised, iterat
 BALANCED = 1e-14  # default tolerance, in natural units of force
 SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # shifts of −J in units of its largest diagonal entry, tried in turn
 CHORD = 0.2  # a step with a stored factor must reduce the residual to this fraction
-KRYLOV = 20  # iterations above which a preconditioner is too old
-ITERATIONS = 300  # iterations without a factor after which a factorisation is worthwhile
+KRYLOV = 20  # number of iterations above which a preconditioner is too old
+ITERATIONS = 300  # number of iterations without a factor after which a factorisation is worthwhile
 FORCING = 1e-2  # relative residual to which linear systems are solved by iteration
 SLOW = 0.05  # a step that leaves a larger fraction of the residual is too short, or its matrix too old
 LOOSE = 1e-4  # fraction of the largest stiffness below which a coordinate is loose
-VANISHING = 0.45  # largest remaining fraction of an overlap after a step if the contact vanishes; in theory 1/3
-OPENING = 1.6  # factor of the longer step that opens contacts, for which 3/2 is enough in theory
+VANISHING = 0.45  # largest fraction of its overlap that a vanishing contact keeps in a step; in theory 1/3
+OPENING = 1.6  # factor by which a step is lengthened to open contacts; in theory, 3/2 is enough
 
 
 class Factorisation:
-    """Solver for −J that is reused by later steps of a path as long as this helps.
+    """Solver for −J that later steps of a path reuse as long as this saves time.
 
     Small systems are factorised. Systems of at least DENSE_BELOW coordinates are solved by iteration, and factorised
-    only if that does not converge; later steps then use the factor as a preconditioner.
+    only if the iteration does not converge; later steps then use the factor as a preconditioner.
     """
 
     solve: Solve | None = None
-    size = 0  # coordinates of the stored solver
-    factored = False  # whether it is a factorisation
+    size = 0  # number of coordinates of the stored solver
+    factored = False  # True if the stored solver is a factorisation
     factorisations = 0
     renewals = 0  # number of matrices for which a solver was made
     solves = 0
@@ -56,9 +56,9 @@ class Factorisation:
         return self.solve
 
     def first_step(self, matrix, shift: float, b: np.ndarray, bodies: np.ndarray) -> np.ndarray:
-        """Solve a system with a new matrix, its diagonal increased by `shift`, and store the solver.
+        """Solve a system with a new matrix, whose diagonal is increased by `shift`, and store the solver.
 
-        `bodies` (n,) are the bodies of the coordinates.
+        `bodies` (n,) contains the body of each coordinate.
         """
         self.solves, self.size = self.solves + 1, len(b)
         if shift:
@@ -122,7 +122,7 @@ def newton(
     Returns
     -------
     State, Outcome
-        the state at rest in equilibrium, or the given state unless the outcome is CONVERGED
+        the state at rest in equilibrium or, if the outcome is not CONVERGED, the given state
     """
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
     require_positive(tolerance=tolerance)
@@ -133,7 +133,7 @@ def newton(
 
 
 def at_rest(point: TrialPoint) -> State:
-    """State of a trial point at rest, its memory committed."""
+    """State of a trial point at rest, with its memory committed."""
     return accept(resting(point.state), reset_reached(point.trial))
 
 

@@ -1,7 +1,7 @@
-"""All complex pairs of −M⁻¹J for large systems: modes of the symmetric part, coupled in windows; and their certificate.
+"""All complex pairs of −M⁻¹J for large systems, from coupled modes of the symmetric part, and their certificate.
 
-Candidates come from windows of modes of S that the skew part K couples, where A = S + K. Real eigenvalues are
-certified by Gershgorin discs after similarity passes, in floating point.
+With A = S + K, candidates come from windows of modes of the symmetric part S, which the skew part K couples. Real
+eigenvalues are certified by Gershgorin discs after similarity passes, in floating point.
 """
 
 import time
@@ -24,32 +24,32 @@ from .linear import factorised, one_thread, suitable_threads
 from .spectrum import REAL_BELOW
 
 STAGE = "complex pairs"  # name of the stage in progress reports
-# modes treated together, and neighbours on either side; all others enter to second order
+# numbers of modes treated together, and of neighbours on either side; all other modes enter to second order
 WINDOW, HALO = 40, 40
-# assumed errors of windows: NEAR_PAIR of the largest |λ|, and MIXED mixing² of the half width; the largest errors seen
-# were 1e-6 (1000 spheres) and 0.1 (150 spheres)
+# assumed errors of windows: NEAR_PAIR times the largest |λ|, and MIXED · mixing² times the half-width; the largest
+# factors found were 1e-6 (1000 spheres) and 0.1 (150 spheres)
 NEAR_PAIR, MIXED = 5e-6, 0.2
 WEAK = 0.3  # largest first-order fraction of outer modes in a window mode for which second order is trusted
-CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
-WORK = 40.0  # time of a certificate over that of n³ floating-point operations of a matrix product; 38 to 44 measured
+CLUSTER = 0.3  # |E_ij/(d_j − d_i)| above which a similarity pass leaves two modes coupled
+WORK = 40.0  # time of a certificate over that of n³ operations in a matrix product; measured values are 38 to 44
 SIMILAR = 1e-8  # a pass with W leaves W², which is then below round-off
 LARGEST = (
-    12_000  # largest number of coordinates: four dense matrices of this size take 3 GB, and time grows with the cube
+    12_000  # largest number of coordinates: four dense matrices of this size take 3 GB, and the time grows as its cube
 )
 DENSE_BELOW = 1500  # number of coordinates below which LAPACK takes a few seconds
-# residual over the largest |λ|: target, and limit of acceptance if round-off stops earlier
+# residual over the largest |λ|: target, and largest accepted value if round-off prevents the target
 CONVERGED, ENOUGH = 2e-15, 1e-12
-SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are identical
-NEIGHBOURS = 20  # additional eigenvalues that Arnoldi's method computes near those of a subspace
+SAME = 1e-9  # two refined eigenvalues with one eigenvector are the same if closer than this fraction of the largest |λ|
+NEIGHBOURS = 20  # number of additional eigenvalues that Arnoldi's method computes near those of a subspace
 
 
 class Basis(NamedTuple):
     """Modes of the symmetric part S of A = S + K, and A in this basis."""
 
     vectors: np.ndarray  # (n, n), orthonormal to single precision
-    image: np.ndarray  # (n, n) A times them, in double precision
+    image: np.ndarray  # (n, n) A times `vectors`, in double precision
     diagonal: np.ndarray  # (n,) Rayleigh quotients, in double precision [1/time²]
-    skew: np.ndarray  # (n, n) single precision: K between the modes [1/time²]
+    skew: np.ndarray  # (n, n) K in the basis of the modes, in single precision [1/time²]
 
     @property
     def scale(self) -> float:
@@ -58,7 +58,7 @@ class Basis(NamedTuple):
 
 
 class Window(NamedTuple):
-    """Reduced problem of the modes `inside`; others are eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
+    """Reduced problem (N⁻¹M − (λ − centre)) c = 0 of the modes `inside`; others are eliminated to second order."""
 
     inside: slice
     centre: float
@@ -81,7 +81,7 @@ def symmetric_basis(matrix, precision, report: Report) -> Basis:
     symmetric = ((matrix + matrix.T) / 2).toarray(order="F").astype(precision, copy=False)
     vectors = eigh(symmetric, driver="evd", overwrite_a=True, check_finite=False)[1]
     report(STAGE, 0.6, "coupling of these modes")
-    vectors = np.ascontiguousarray(vectors)  # row-major, as sparse products need it
+    vectors = np.ascontiguousarray(vectors)  # row-major, as sparse products require
     double = vectors.astype(float, copy=False)
     image = matrix @ double
     diagonal = np.einsum("ij,ij->j", double, image) / np.einsum("ij,ij->j", double, double)
@@ -100,15 +100,16 @@ def build_window(basis: Basis, first: int) -> Window:
     """Window of modes first … first + WINDOW with its halo.
 
     Outer modes are eliminated to second order and to first order in λ − centre:
-    M = H − centre G − K_PQ (D_Q − centre)⁻¹ K_QP, N = G + K_PQ (D_Q − centre)⁻² K_QP, with K_PQ = −K_QPᵀ. G differs
-    from the identity, and H from D + K, by the round-off of the modes, which would blur pairs at first order.
+    M = H − centre G − K_PQ (D_Q − centre)⁻¹ K_QP, N = G + K_PQ (D_Q − centre)⁻² K_QP, with K_PQ = −K_QPᵀ. The Gram
+    matrix G differs from the identity, and the projection H of A from D + K, by the round-off of the modes, which
+    would blur pairs at first order.
     """
     n = len(basis.diagonal)
     last = min(n, first + WINDOW) - 1
     inside = slice(max(0, first - HALO), min(n, last + 1 + HALO))
     centre = (basis.diagonal[first] + basis.diagonal[last]) / 2
     x = basis.vectors[:, inside].astype(float, copy=False)
-    # joined products: each product is split over threads, which wait for each other at its end
+    # two products joined into one, because threads wait for each other at the end of each product
     G, H = np.split(np.hstack([x, basis.image[:, inside]]).T @ x, 2)
     H = H.T - centre * G
     K = -basis.skew[inside].T.astype(float)
@@ -177,12 +178,12 @@ def pair_margin(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 class Certificate(NamedTuple):
     """Classification of all eigenvalues by Gershgorin discs, in floating-point rather than interval arithmetic."""
 
-    size: int  # eigenvalues examined
-    real: int  # alone in a disc with a real centre; real since the spectrum of A is symmetric about the real axis
-    zero: int  # exactly zero, from unresisted coordinates; not counted in `size`
-    pairs: int  # pairs whose disc is isolated and does not touch the real axis
-    undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
-    members: np.ndarray  # (k,) number of eigenvalues in each group
+    size: int  # number of eigenvalues examined
+    real: int  # number alone in a disc with a real centre: real, as the spectrum is symmetric about the real axis
+    zero: int  # number of exact zeros, from unresisted coordinates; not counted in `size`
+    pairs: int  # number of pairs whose disc is isolated and does not touch the real axis
+    undecided: np.ndarray  # (k,) centres of groups of overlapping discs [1/time²]
+    members: np.ndarray  # (k,) number of eigenvalues in each of these groups
     consistent: bool  # True if every pair found is certified or undecided, and every certified pair was found
 
     def __str__(self):
@@ -207,7 +208,7 @@ def certificate_seconds(size: int) -> float:
 
 
 def format_seconds(seconds: float) -> str:
-    """A duration in words, to one or two digits."""
+    """Duration in words, to one or two digits."""
     return (
         f"{seconds:.2g} s"
         if seconds < 100
@@ -276,7 +277,7 @@ def _discs(B: np.ndarray, scale: float, report: Report, passes: int = 6):
         others = np.setdiff1d(np.arange(n), turned)
         rows = inverse @ columns[turned]
         diagonal = np.diag(rows)
-        # in a block with pairs, a real eigenvalue has an imaginary part of round-off size: move its disc back
+        # in a block with pairs, a real eigenvalue has an imaginary part of round-off size: move its disc to the axis
         centre = np.where(np.concatenate(values).imag == 0, diagonal.real, diagonal)
         radius = np.abs(rows).sum(axis=1) - np.abs(diagonal) + np.abs(inverse @ B[turned][:, others]).sum(1)
         centres[turned], radii[turned] = centre, radius + np.abs(diagonal - centre)
@@ -322,9 +323,9 @@ def complex_pairs(
 
     M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K that is about 1e-3 of S in size. A pair is born where K couples two
     nearly degenerate modes of S by more than their separation. S is diagonalised in single precision. Windows of its
-    modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues that may
-    form a pair, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of the largest |λ|. Dense
-    LAPACK is used where K is too strong (sliding contacts) and for small systems.
+    modes are coupled by K in double precision; modes outside a window enter to second order. Pairs, and eigenvalues
+    that may form a pair, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of the largest |λ|.
+    Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
 
     Parameters
     ----------
@@ -355,7 +356,7 @@ def complex_pairs(
 def find_pairs(
     free: Freedom, matrix_of: Callable, certificate: bool, report: Report, dense_below: int = DENSE_BELOW
 ) -> ComplexPairs:
-    """All complex pairs of the matrix A returned by a function for the coordinates `free`; see `complex_pairs`."""
+    """All complex pairs of the matrix A returned by `matrix_of` for the coordinates `free`; see `complex_pairs`."""
     n = len(free)
     if not n:
         raise ValueError("nothing is free to move: pairs need at least one free coordinate")
@@ -475,9 +476,9 @@ def _subspace_residual(matrix, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _subspace_correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndarray, border: np.ndarray) -> np.ndarray:
-    """Z in the modes of S with AZ − ZB ≈ R, without a component in the subspace itself.
+    """Correction Z with AZ − ZB ≈ R, in the basis of the modes of S, without a component in the subspace itself.
 
-    `border` holds the subspace in the modes of the window.
+    `border` contains the subspace in the basis of the modes of the window.
 
     Columns are solved one by one in the complex Schur form B = QTQᴴ, which also exists if eigenvalues of B coalesce.
     """
@@ -514,7 +515,7 @@ def _search_by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.nd
     LinAlgError
         If Arnoldi's method does not converge.
     """
-    # off the eigenvalue itself
+    # a shift close to the eigenvalues, but not equal to one
     shift = np.trace(_subspace_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale
     solve = factorised(sparse.csr_array(matrix - shift * sparse.eye_array(len(subspace))))
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)

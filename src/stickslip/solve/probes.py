@@ -26,22 +26,22 @@ from ..core.library import core
 from ..core.progress import Report
 from .pairs import format_seconds
 
-ROWS = 3  # rows of a block: three displacements, three rotations, or both kinds in two dimensions
-LANES = 16  # vectors that are advanced together: one register of AVX-512, two of AVX2, four of NEON
-SPANS = 8  # power spectra per run; growth is measured relative to the first
-BUCKETS = 16  # random sums of coordinates recorded for each probe
+ROWS = 3  # number of rows of a block: three displacements, three rotations, or both kinds in two dimensions
+LANES = 16  # number of vectors advanced together: one register of AVX-512, two of AVX2, four of NEON
+SPANS = 8  # number of power spectra per run; growth is measured relative to the first
+BUCKETS = 16  # number of random sums of coordinates recorded for each probe
 FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mean power
-EXCITED = 1.15  # largest excess of a peak, as an exponent of amplitude, that strong excitation of its mode explains
+EXCITED = 1.15  # largest excess of a peak, as a growth exponent, that strong excitation of its mode can explain
 # steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the previous one
 SHORTEST, LONGER = 256, 16
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
-GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # growth exponent of a pair in a pass of filters; numbers of passes
-STALLED = 1.2  # after PASSES, filters run on only while Im λ over its residual grows by this factor
-CLEAR = 10.0  # Im λ over the residual that is accepted after the last pass
+GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # growth exponent of a pair per filter pass; usual and largest number of passes
+STALLED = 1.2  # after PASSES, filters run on only while Im λ over its residual grows by this factor in each pass
+CLEAR = 10.0  # smallest ratio of Im λ to the residual that is accepted after the last pass
 FAR = 150.0  # logarithm of the amplitude at which probes stop, since double precision ends at 700
 STAGE = "random probes in a leapfrog"  # name in progress reports
 SHORT = 60.0  # time above which an estimate is shown [s]
-ROUNDS = 8  # peaks at the end of a run for which filters run
+ROUNDS = 8  # largest number of peaks at the end of a run for which filters run
 SAVED_EVERY = 60.0  # interval at which a search is saved [s]
 
 
@@ -50,15 +50,15 @@ class Effort(NamedTuple):
 
     amplification: float = 3.0  # growth exponent at which the search for modes ends
     rate: float = 1e-4  # slowest growth rate that the search covers [1/time]
-    probes: int = 16  # random initial vectors
+    probes: int = 16  # number of random initial vectors
     seed: int = 0
 
 
 class Motion(NamedTuple):
     """Equations of motion q̈ = −A q + D q̇ of mass-weighted displacements."""
 
-    matrix: sparse.csr_array  # (n, n) A, neighbours close in memory [1/time²]
-    norm: float  # estimate of its largest eigenvalue [1/time²]
+    matrix: sparse.csr_array  # (n, n) A, ordered so that neighbours are close in memory [1/time²]
+    norm: float  # estimate of the largest eigenvalue of A [1/time²]
     rigid: np.ndarray  # (n, k) orthonormal zero modes that are excluded, since round-off makes them drift
     drag: sparse.csr_array | None = None  # (n, n) D; None without dashpots [1/time]
 
@@ -66,7 +66,7 @@ class Motion(NamedTuple):
     def time_step(self) -> float:
         """Time step of the leapfrog [time]. The limit is dt² λmax = 4; the margin exceeds errors of λmax.
 
-        With dashpots dt² λmax + 2 dt ‖D‖ stays below 2, so their forces damp all modes for any tuning.
+        With dashpots, dt² λmax + 2 dt ‖D‖ stays below 2, so that their forces damp all modes for any tuning.
         """
         drag, most = (0.0, 3.61) if self.drag is None else (abs(self.drag).sum(axis=1).max(), 1.805)
         return most / (drag + np.sqrt(drag**2 + most * self.norm))
@@ -92,7 +92,7 @@ class ProbeRun:
 
     @property
     def time(self) -> float:
-        """Time run so far [time]."""
+        """Time that the probes have run so far [time]."""
         return len(self.spectra) * self.span * self.dt
 
     def seconds(self, steps: float) -> float:
@@ -102,7 +102,7 @@ class ProbeRun:
         return (time.perf_counter() - begin) / 2 * steps
 
     def tune(self, value: complex | None) -> None:
-        """Choose weights that make dashpots exact for modes at the frequency of a peak, or else those of lagged forces.
+        """Choose weights that make dashpots exact at the frequency of a peak, where possible; otherwise, they lag.
 
         The weights w of the present and the previous velocity solve w₀ exp(−iθ/2) + w₁ exp(−3iθ/2) = 1.
         """
@@ -111,7 +111,7 @@ class ProbeRun:
         self.weights = (np.sin(1.5 * theta) / np.sin(theta), -0.5 / np.cos(0.5 * theta)) if exact else (1.0, 0.0)
 
     def _leap(self, q: np.ndarray, v: np.ndarray, previous: np.ndarray | None, record: np.ndarray, extra) -> None:
-        """Advance q and v in place by the steps of a record of sums."""
+        """Advance q and v in place by one step for each row of `record`, in which their sums are stored."""
         rows, drawn = len(self.product[0]) - 1, None if previous is None else np.empty_like(v)
         core.leapfrog(
             rows, *self.product, *self.dampers, *self.weights, *self.sums, q, v, previous, drawn, len(record), BUCKETS,
@@ -152,13 +152,13 @@ class ProbeRun:
     def _excess(self, leaks: bool = False) -> tuple[np.ndarray, np.ndarray, float]:
         """Power gained since the first span, smallest power that stands out, and power of a mode of unit amplitude.
 
-        If a growing mode `leaks` into most frequencies, their power is not noise: there, 8.5 times the first power
-        stands out.
+        If a growing mode `leaks` into most frequencies, their power is not noise: there, power above 8.5 times that of
+        the first span stands out.
         """
         first, now = self.spectra[0], self.spectra[-1]
         ratio = now / np.maximum(first, 1e-12 * first.max())
         middle = np.median(ratio)
-        noise = 1.5 * np.median(np.abs(ratio - middle))  # real modes beat within the sketch
+        noise = 1.5 * np.median(np.abs(ratio - middle))  # neighbouring real modes beat, which changes the power
         if leaks:
             noise /= max(1.0, middle)
         unit = self.probes * (self.span / 4) ** 2  # under Hann's taper
@@ -167,7 +167,7 @@ class ProbeRun:
     def _note_what_is_seen(self) -> None:
         """Store the growth rate at which a mode excited with 1/FAINT of the mean power would stand out [1/time].
 
-        It is the smallest rate so far, because modes that have grown may drown the spectrum later.
+        The smallest rate so far is kept, because modes that have grown may drown the spectrum later.
         """
         _, least, unit = self._excess()
         seen = float(np.log(FAINT * least.max() / unit)) / (2 * self.dt * self.span * (len(self.spectra) - 0.5))
@@ -190,7 +190,7 @@ class ProbeRun:
         return [(complex(value[k]), float(growth[k])) for k in np.argsort(-growth)]
 
     def strongest_lanes(self, value: complex) -> np.ndarray:
-        """Numbers of the first LANES probes by their power at a peak in the last span, strongest first."""
+        """Numbers of the first LANES probes in descending order of their power at a peak in the last span."""
         k = round(self.span * self.angle(value) / (2 * np.pi))
         return np.argsort(-self.lanes[min(k, self.span // 2)], kind="stable")
 
@@ -264,7 +264,7 @@ class Filters:
 
 
 class GrowingModes:
-    """Growing eigenvalues extracted by filters while probes run on, and the fastest one that is not yet known.
+    """Growing eigenvalues that filters extract while probes run on, and the fastest of those not known before.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ class GrowingModes:
         # peaks that extracted modes explain, and peaks of this run without one: frequency, half-width, growth [1/time]
         self.explained: list[tuple[float, float, float]] = []
         self.failed: list[tuple[float, float, float]] = []
-        self.rounds = 0  # peaks at the end of this run for which filters have run
+        self.rounds = 0  # number of peaks at the end of this run for which filters have run
 
     def start_again(self) -> None:
         """Forget peaks that failed, since another run may reveal their modes."""
@@ -287,11 +287,11 @@ class GrowingModes:
         self.rounds = 0
 
     def hopeful(self, run: ProbeRun) -> list[tuple[complex, float]]:
-        """Peaks not yet tried of modes that may grow faster than the fastest one known, fastest first."""
+        """Untried peaks of modes that may grow faster than the fastest known mode, fastest first."""
         return [(value, g) for value, g in self.unverified(run) if not _covers(self.failed, value, g, run.time)]
 
     def unverified(self, run: ProbeRun) -> list[tuple[complex, float]]:
-        """Peaks without an extracted mode that may grow faster than the fastest one known, fastest first."""
+        """Peaks without an extracted mode that may grow faster than the fastest known mode, fastest first."""
         # estimates assume mean excitation; a weakly excited mode grows faster than estimated
         least = max(1.0, self.growth * run.time - np.log(FAINT) / 2)
         peaks = [(value, g) for value, g in run.peaks() if abs(value - self.disc[0]) >= 0.9 * self.disc[1]]
@@ -349,7 +349,7 @@ class GrowingModes:
         return np.where(apart > NOISE * self.motion.norm, apart / np.maximum(modes.error, 1e-300), 0.0)
 
     def _keep(self, modes: RitzModes, chosen: np.ndarray) -> list[tuple[float, float]]:
-        """Store the fastest growing of the chosen modes; return frequencies and growth rates of all these."""
+        """Store the fastest growing of the chosen modes; return the frequencies and growth rates of all of them."""
         for k in np.flatnonzero(chosen):
             growth = float(abs(modes.root[k].imag))
             if growth > self.growth:
@@ -367,7 +367,7 @@ def _covers(known: list[tuple[float, float, float]], value: complex, growth: flo
 def search_by_probes(
     motion: Motion, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None, clear: float
 ) -> tuple[GrowingModes, ProbeRun, list[tuple[complex, float]]]:
-    """Run probes until even modes slower than `rate`, or than the fastest known mode, would stand out.
+    """Run probes until every mode that grows faster than `rate` and the fastest known mode would stand out.
 
     Parameters
     ----------
@@ -376,7 +376,7 @@ def search_by_probes(
 
     Returns
     -------
-    extracted modes, the last run, and its peaks from which no mode was extracted, fastest first
+    extracted modes, the last run, and the peaks of this run from which no mode was extracted, fastest first
     """
 
     def start(span: int) -> ProbeRun:
@@ -430,7 +430,7 @@ def _run_stage(
             saved.save(run, modes)
 
     def is_known() -> bool:
-        """Return True if a mode faster than the fastest one known would have been seen."""
+        """Return True if a mode faster than the fastest known mode would have stood out."""
         gain = modes.growth * run.time
         return gain >= amplification and (run.seen <= modes.growth or gain >= 3 * amplification)
 

@@ -24,11 +24,11 @@ from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiff
 from .linear import FrontalFactor, dissect, one_thread
 from .moduli import check_cell, elastic_moduli, isotropic, with_free_cell
 
-DIRECT_UP_TO = 300  # number of coordinates up to which each frequency is solved by LAPACK
-STEPS, ROUNDS = 300, 6  # Arnoldi steps before convergence is checked, and how often they are continued
+DIRECT_UP_TO = 300  # number of coordinates up to which LAPACK solves for each frequency
+STEPS, ROUNDS = 300, 6  # number of Arnoldi steps between checks of convergence, and largest number of checks
 ALLOWED = 1e-6  # largest deviation of k·a/2π from an integer
 SOLVED = 1e-8  # largest relative residual of a solution
-WITHOUT_LIMIT = 1e12  # response, over the response of the largest stiffness, above which round-off dominates
+WITHOUT_LIMIT = 1e12  # response, over that of the largest stiffness, above which round-off dominates
 
 
 @readable
@@ -56,7 +56,7 @@ class FrequencyResponse(NamedTuple):
 
     @property
     def worst_answer(self) -> np.ndarray:
-        """(m,) complex observables for `worst_drive` at `worst_frequency`."""
+        """(m,) complex observables in response to `worst_drive` at `worst_frequency`."""
         return self.matrix[np.argmax(self.gain)] @ self.worst_drive
 
 
@@ -65,17 +65,17 @@ class ForcedMotion(NamedTuple):
 
     here: LinearisedState
     free: Freedom  # without rattlers
-    whole: Freedom  # all coordinates, also prescribed ones
-    inner: np.ndarray  # (n,) place of the free coordinates among all
+    whole: Freedom  # all coordinates, including prescribed ones
+    inner: np.ndarray  # (n,) index of each free coordinate among all coordinates
     pull: sparse.csr_array  # (n, n) A [1/time²]
     drag: sparse.csr_array  # (n, n) D [1/time]
     stiff: sparse.csr_array  # J of all coordinates
     damp: sparse.csr_array  # ∂f/∂q̇ of all coordinates
 
     def drives(self, drive: np.ndarray, name: str = "drive") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces (n, k) per displacement and per velocity of drives (k, B, 6); motions (N, k) that these prescribe.
+        """Forces (n, k) that drives (k, B, 6) and their velocities exert on free coordinates, and motions (N, k).
 
-        The forces are mass-weighted.
+        The forces are mass-weighted. The motions are those prescribed by the drives, and zero for free coordinates.
         """
         _check_groups(self.here.state, drive, name)
         flat, prescribed = _gather(self.whole, drive), ~self.here.state.control.free.ravel()
@@ -87,7 +87,7 @@ class ForcedMotion(NamedTuple):
         if not (forces.any(axis=0) | resists.any(axis=0)).all():
             raise ValueError(
                 f"the {name} moves nothing: it needs a force on a grain held by others, or a motion of a prescribed "
-                "body that touches one"
+                "body that touches such a grain"
             )
         return forces / root, resists / root, motion
 
@@ -142,7 +142,7 @@ def forced_motion(state: State, law: Law, drag: float, spin_drag: float | None) 
 
 
 def drag_rates(axis: np.ndarray, drag: float, spin_drag: float | None) -> np.ndarray:
-    """(n,) ν of each coordinate, given its axis [1/time]."""
+    """(n,) drag rate ν of each coordinate, given its axis [1/time]."""
     return np.where((axis < 3) | (axis == 6), drag, drag if spin_drag is None else spin_drag).astype(float)
 
 
@@ -159,14 +159,14 @@ def frequency_response(
     it directly.
 
     Velocities enter through drag and the dashpots of the law. Runs under small forces agreed with this gain and phase
-    within 0.2 % (`tests/modes/test_response.py`); under larger forces, contacts stiffen, slide and open.
+    to within 0.2 % (`tests/modes/test_response.py`); under larger forces, contacts stiffen, slide and open.
 
     Parameters
     ----------
     drive : (N + W, 6), or (k, N + W, 6) for k drives: forces and torques/R on free components, displacements of
         prescribed ones (walls, fixed grains). For example, 1 at [wall, 0] shakes a wall along x, and 1 at [grain, 0]
         pushes a grain; `plane_wave` creates waves
-    frequency : ω, or (F,) of them, zero or positive [1/time]
+    frequency : ω, scalar or (F,), zero or positive [1/time]
     observe : (N + W, 6) or (m, N + W, 6), weights of the displacements in each observable: see `contact_slip` and
         `stress_change`; default: the displacements of `free`
     drag, spin_drag : ν of translations and of rotations, as in `run`; spin_drag defaults to drag [1/time]
@@ -175,9 +175,9 @@ def frequency_response(
     Raises
     ------
     ValueError
-        If the forces do not balance; if a frequency is negative, or is an undamped resonance; if a drive
-        moves nothing, or a rigid group other than as a whole; if a component does not exist, such as the rotation of a
-        wall.
+        If the forces do not balance; if a frequency is negative, or that of an undamped resonance; if a drive moves
+        nothing, or deforms or rotates a prescribed rigid group; if a component does not exist, such as the rotation of
+        a wall.
 
     Source
     ------
@@ -186,7 +186,7 @@ def frequency_response(
 
     Examples
     --------
-    A push on one grain, and its own displacement:
+    The displacement of a grain that is pushed:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -240,8 +240,8 @@ def as_patterns(state: State, **named) -> np.ndarray:
     absent[:, 2:5] |= state.cell.dim == 2
     for _, body, axis in np.argwhere((value != 0) & absent):
         raise ValueError(
-            f"{name} must be zero at component {axis} of body {body}, which does not exist: walls do not rotate, and "
-            "disks have the components 0, 1 and 5 (x, y, rotation about z)"
+            f"{name} must be zero at component {axis} of body {body}, a component that does not exist: walls do not "
+            "rotate, and disks have the components 0, 1 and 5 (x, y, rotation about z)"
         )
     return value
 
@@ -267,7 +267,7 @@ def solve_at(motion: ForcedMotion, frequency, still, moving, report: Report = si
 
 
 def solve_directly(matrix, b: np.ndarray, order, frequency: float, scale: float) -> np.ndarray:
-    """Solve at one frequency for columns b (n, k) by factorisation, given the size of the stiffnesses."""
+    """Solve at one frequency for columns b (n, k) by factorisation; `scale` is the magnitude of the stiffnesses."""
     try:
         with one_thread():
             y = np.linalg.solve(matrix.toarray(), b) if order is None else FrontalFactor(matrix, order).solve(b)
@@ -275,16 +275,16 @@ def solve_directly(matrix, b: np.ndarray, order, frequency: float, scale: float)
         y = np.full(b.shape, np.inf)
     if not np.linalg.norm(y) * scale < WITHOUT_LIMIT * np.linalg.norm(b):
         raise ValueError(
-            f"at frequency = {frequency:.9g} the response is unbounded, as at an undamped resonance: use drag, a law "
+            f"at frequency = {frequency:.9g}, the response is unbounded, as at an undamped resonance: use drag, a law "
             "with dashpots, or another frequency"
         )
     return y
 
 
 def _project(motion: ForcedMotion, frequency, force, report: Report) -> np.ndarray:
-    """(n, F) approximate y for a force, from one Krylov space of the first-order form for all frequencies.
+    """(n, F) approximate y for a force, from one Krylov space of the first-order system for all frequencies.
 
-    Time is measured in units in which both blocks of the form are of order one.
+    Time is measured in units in which both blocks of this system are of order one.
     """
     n, unit = len(force), np.sqrt(np.abs(motion.pull.data).max())
     pull, drag, shifts = motion.pull / unit**2, motion.drag / unit, 1j * frequency / unit
@@ -315,7 +315,7 @@ def _project(motion: ForcedMotion, frequency, force, report: Report) -> np.ndarr
 
 
 def in_plane(state: State, **named) -> np.ndarray:
-    """(K, dim) vectors from one or more of two or three components."""
+    """(K, dim) array of one or more vectors, given with two or three components."""
     ((name, value),) = named.items()
     rows, dim = as_rows(value, len(np.atleast_2d(value)), 3), state.cell.dim
     for row in rows[rows[:, dim:].any(axis=1)]:
@@ -348,12 +348,12 @@ def plane_wave(state: State, wavevector: Numbers, direction: Numbers) -> np.ndar
     Parameters
     ----------
     wavevector : (3,) or (2,) k, allowed by the cell where it is periodic [1/length]
-    direction : (3,) or (2,) e, along k for a compressional wave, across for a shear wave
+    direction : (3,) or (2,) e, along k for a compressional wave, perpendicular to k for a shear wave
 
     Raises
     ------
     ValueError
-        If the cell does not allow k, e is zero, or one of them leaves the plane of disks.
+        If the cell does not allow k, if e is zero, or if one of them leaves the plane of disks.
     """
     k, e = in_plane(state, wavevector=wavevector), in_plane(state, direction=direction)
     require_shape((1, state.cell.dim), wavevector=k, direction=e)
@@ -367,10 +367,10 @@ def plane_wave(state: State, wavevector: Numbers, direction: Numbers) -> np.ndar
 
 @checked
 def contact_slip(state: State, contact: int) -> np.ndarray:
-    """(dim − 1, N + W, 6) weights of the tangential displacement of body i relative to j at a contact.
+    """(dim − 1, N + W, 6) weights of the tangential displacement of body i relative to body j at a contact.
 
-    t·(u_i − u_j − (R_i angle_i + R_j angle_j) × n) along the tangents t: (−n_y, n_x) of disks; of spheres e × n over
-    its norm, with the axis e along which n is shortest, and n × (e × n) over its norm.
+    It is t·(u_i − u_j − (R_i angle_i + R_j angle_j) × n) along each tangent t. For disks, t is (−n_y, n_x). For
+    spheres, the tangents are e × n and n × (e × n), normalised, with the axis e of the smallest component of n.
 
     Parameters
     ----------
@@ -454,16 +454,16 @@ def complex_moduli(
     c denotes the coordinates ℓG of the cell, g those of the grains, and C the derivatives of forces with respect to
     velocities, so that dashpots also resist the affine motion. As in `run`, velocities are relative to the flow of the
     cell, ẋ = v + Lx: the affine motion has no inertia, and drag acts on v only. Each contact is held in its mode. At
-    ω = 0 the moduli are those of `elastic_moduli`. Without dashpots, grains move affinely at high frequencies. Rattlers
-    are excluded.
+    ω = 0, the moduli are those of `elastic_moduli`. Without dashpots, grains move affinely at high frequencies.
+    Rattlers are excluded.
 
-    In runs of 20 disks whose cell was sheared back and forth by 1e-7, storage and loss of the elastic forces differed
-    from these equations by 2e-5 of the modulus (`tests/modes/test_complex_moduli.py`).
+    In runs of 20 disks whose cell was sheared back and forth by 1e-7, the storage and loss moduli of the elastic forces
+    differed from this prediction by 2e-5 of the modulus (`tests/modes/test_complex_moduli.py`).
 
     Parameters
     ----------
     state : State, in equilibrium, in a fully periodic cell, without walls, rigid groups or springs
-    frequency : ω, or (F,) of them, zero or positive [1/time]
+    frequency : ω, scalar or (F,), zero or positive [1/time]
     drag, spin_drag : ν of translations and of rotations, as in `run`; spin_drag defaults to drag [1/time]
     report : called as report(stage, share done, text)
 

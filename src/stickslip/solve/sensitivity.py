@@ -29,7 +29,7 @@ from .linear import suitable_threads
 from .stability import LEFT_OUT, join_scopes
 
 AT_MOST = 2_500  # number of coordinates for which all modes are computed within minutes
-WORK = 5e9  # default limit of coordinates³ times spectra, about ten seconds
+WORK = 5e9  # default limit on the number of spectra times (number of coordinates)³, for about ten seconds
 LEAST = 3  # smallest default number of spectra, however large the packing
 
 
@@ -37,24 +37,24 @@ LEAST = 3  # smallest default number of spectra, however large the packing
 class ContactSensitivity(NamedTuple):
     """Sensitivity of one pair to contact stiffness, and of the verdict to the sliding or opening of each contact.
 
-    Changes that reverse the verdict come first; then the order is by the change in the growth rate, then by the
+    Changes that reverse the verdict come first. The others are sorted by the change in the growth rate, and then by the
     derivative.
     """
 
     eigenvalue: complex | None  # λ of the pair, Im λ > 0; None if there is no pair [1/time²]
     condition: float  # ‖w‖‖v‖/|wᴴv| of λ, with left mode w, right mode v; diverges at birth; NaN without a pair
-    contacts: np.ndarray  # (C,) rows of the contact list that touch and support the packing
+    contacts: np.ndarray  # (C,) rows in the contact list of the touching contacts that support the packing
     derivative: np.ndarray  # (C,) complex ∂λ/∂ln s for a factor s on each contact's stiffness; empty without a pair
     growth_rate: float  # growth rate of the fastest-growing mode, 0 if none grows [1/time]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
     contact: np.ndarray  # (K,) row of the contact list for each change
-    i: np.ndarray  # (K,) the bodies in contact
-    j: np.ndarray  # (K,)
-    what: np.ndarray  # (K,) "slides", "opens", or "breaks" of a bond
+    i: np.ndarray  # (K,) first body of the contact
+    j: np.ndarray  # (K,) second body of the contact
+    what: np.ndarray  # (K,) "slides", "opens", or "breaks" for a bond
     mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the unchanged contact, 1 at the Coulomb limit; NaN without friction
     predicted: np.ndarray  # (K,) growth rate after the change, from pairs of neighbouring modes; for small changes only
     after: np.ndarray  # (K,) growth rate after the change, from the full spectrum; NaN if not computed
-    verdict_after: np.ndarray  # (K,) after the change; "falls apart" if only rattlers are left; empty if not computed
+    verdict_after: np.ndarray  # (K,) new verdict; "falls apart" if only rattlers remain; empty if not computed
     scope: str  # limits of the analysis, in words
 
     @property
@@ -80,7 +80,7 @@ class _ModeData(NamedTuple):
     values: np.ndarray  # (n,) sorted
     right: np.ndarray  # (n, n) V
     left: np.ndarray  # (n, n) W = V⁻¹
-    incidence: sparse.csc_array  # (n, 6C) Q, over √mass; 9C columns if contacts resist rolling
+    incidence: sparse.csc_array  # (n, 6C) Q, divided by √mass; 9C columns if contacts resist rolling
     blocks: np.ndarray  # (C, 6, 6) B
     force: np.ndarray  # (C, 3) contact forces
 
@@ -99,7 +99,7 @@ def contact_sensitivity(
 
     A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For a small change of one contact, dλ = wᴴ dA v/(wᴴv). At the birth
     of a pair, wᴴv → 0 and the derivative diverges, because λ depends there on the square root of the change. For large
-    changes the block of a contact is replaced: by zero if the contact opens; if it slides, by the block of a contact at
+    changes, the block of a contact is replaced: by zero if it opens; if it slides, by the block of a contact at
     the Coulomb limit in the direction of its slip (without slip, the tangential stiffness vanishes). A bond persists if
     its contact opens or slides; its block vanishes if it breaks. Everything else is unchanged: the spectrum is that at
     the moment of the change, before the forces find a new balance. Grains that become rattlers through the change are
@@ -111,11 +111,11 @@ def contact_sensitivity(
 
     Parameters
     ----------
-    pair : index of the complex pair whose derivative is computed, the fastest growing first
-    most : number of changes whose full spectrum is computed, the most promising first (if the packing is unstable,
-        those with the smallest predicted growth); default: as many as can be computed in about ten seconds, which means
-        all of them in small packings. The prediction rests on first-order shifts of all modes and the coupling of
-        neighbours, and may miss some changes
+    pair : index of the complex pair whose derivative is computed; 0 is the fastest growing
+    most : number of changes for which the full spectrum is computed, the most promising first (if the packing is
+        unstable, those with the smallest predicted growth); default: as many as take about ten seconds, which in small
+        packings are all of them. The prediction rests on first-order shifts of all modes and on the coupling of
+        neighbouring modes, and may miss some changes
     report : called as report(stage, share done, text)
 
     Raises
@@ -234,7 +234,7 @@ def _list_changes(here: LinearisedState, modes: _ModeData, rows: np.ndarray) -> 
     slid = _with_all_sliding(state, line)
     slid_line = linearise(slid, law)
     slid_blocks, slid_force = blocks_of(slid, law, slid_line)[0], slid_line.force
-    still = np.flatnonzero(~slid.contacts.slip[: len(blocks)].any(axis=1))  # contacts without slip count as open
+    still = np.flatnonzero(~slid.contacts.slip[: len(blocks)].any(axis=1))  # no slip, so no direction of sliding
     slid_blocks[still] = contact_blocks(with_mode(slid, still, OPEN), law, memory=FREE)[0][still]
     sticks = (state.contacts.mode[rows] == STICK) & (line.limit[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]

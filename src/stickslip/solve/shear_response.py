@@ -1,7 +1,7 @@
 """Linear response of a packing to shear or compression: non-affine motion, tangent modulus, and softest modes.
 
 Grains that almost float dominate the smallest eigenvalue of a packing but do not affect its mechanics. They are pruned:
-first, contacts whose overlap is below a given fraction of the mean overlap are removed, then, repeatedly, grains with
+first, contacts whose overlap is below a given fraction of the mean overlap are removed; then, repeatedly, grains with
 fewer contacts than dimensions (or, without friction, at most as many). All contacts between the remaining grains count,
 however small, because these grains may fail when such a contact slides or opens.
 """
@@ -29,8 +29,8 @@ from .moduli import HELD_ABOVE
 from .spectrum import REAL_BELOW
 
 SOLVED = 1e-9  # largest relative residual of the non-affine motion
-FLOATS = 1e-12  # singular value, over the largest one, below which a motion is not resisted
-SHIFT = 1e-9  # added to the diagonal of large systems, over their largest entry
+FLOATS = 1e-12  # singular value, over the largest one, below which a motion counts as unresisted
+SHIFT = 1e-9  # term added to the diagonal of large systems, over their largest entry
 SMALL_STRAIN = 1e-8  # step of finite differences
 XY = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 PRUNE = 2e-3  # fraction of the mean overlap below which a contact does not support grains
@@ -40,8 +40,8 @@ PRUNE = 2e-3  # fraction of the mean overlap below which a contact does not supp
 class Support(NamedTuple):
     """Grains remaining after pruning, and the contacts between them."""
 
-    contacts: np.ndarray  # (C,) bool, mask of the pairs in the list
-    grains: np.ndarray  # (N,) bool
+    contacts: np.ndarray  # (C,) bool, mask of the remaining contacts among the pairs in the list
+    grains: np.ndarray  # (N,) bool, mask of the remaining grains
 
 
 @checked
@@ -49,7 +49,7 @@ class Support(NamedTuple):
 def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
     """Prune contacts with small overlaps, then repeatedly grains with too few contacts.
 
-    Small contacts between remaining grains are kept. Bonds are not pruned; a single beam can hold a grain.
+    Small contacts between remaining grains are kept. Bonds are not pruned; a single beam (bond) can hold a grain.
 
     Parameters
     ----------
@@ -85,9 +85,9 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
 
 
 class Response:
-    """Response of an accepted state in a periodic cell to a strain, from the exact Jacobian, computed when needed.
+    """Response of an accepted state in a periodic cell to a strain, computed from the exact Jacobian on demand.
 
-    The deformation is x → (1 + G ε) x for small strains; by default simple shear along x with the gradient along y.
+    The deformation is x → (1 + G ε) x for small strains; by default, simple shear along x with the gradient along y.
     """
 
     def __init__(self, state: State, law: Law, prune: float = PRUNE, *, slip: bool = True, gradient: np.ndarray = XY):
@@ -146,7 +146,7 @@ class Response:
 
     def _pull(self, free: Freedom) -> np.ndarray:
         """(n,) derivative of the generalised forces with respect to the strain, at affine motion [force]."""
-        if not self.slip:  # the memory moves with the flow, for which there are no blocks
+        if not self.slip:  # contact memory follows the flow, which the blocks do not describe
             ends = (strained(self.state, SMALL_STRAIN * sign * self.gradient, slip=False) for sign in (1, -1))
             plus, minus = (residual_vector(s, forces(s, self.law, memory=HELD)[0], free) for s in ends)
             return (plus - minus) / (2 * SMALL_STRAIN)
@@ -168,7 +168,7 @@ class Response:
 
     @cached_property
     def modulus(self) -> float:
-        """Tangent modulus of the stress −σ:G against the strain, affine and non-affine [force/length^(dim−1)]."""
+        """Derivative of the stress −σ:G with respect to the strain, non-affine part included [force/length^(dim−1)]."""
         motion, free = self._motion
         count, width = self.blocks.shape[:2]
         change = (incidence(self.state, count, free, width).T @ motion).reshape(count, width)
@@ -203,7 +203,7 @@ class Response:
 
 
 def _solve(matrix: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Solution of a linear system; the shortest one if floating grains make the matrix singular to round-off."""
+    """Solution of a linear system; that of least norm if floating grains make the matrix singular to round-off."""
     try:
         x = np.linalg.solve(matrix, b)
         if np.abs(matrix @ x - b).max(initial=0.0) <= SOLVED * np.abs(b).max(initial=0.0):

@@ -1,4 +1,4 @@
-"""Spectrum of −M⁻¹J: stability, complex pairs, growth rates, mode shapes, tracking along a load, density of states."""
+"""Spectrum of −M⁻¹J: stability, complex pairs, growth rates, modes, tracking along a path, and density of states."""
 
 from typing import Literal, NamedTuple
 
@@ -19,11 +19,11 @@ from .linear import factorised, suitable_threads
 
 ALL_UP_TO = 120  # number of coordinates up to which all eigenvalues are computed even if a few suffice
 SOFTEST = 40  # number of eigenvalues nearest to zero that are otherwise computed
-NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus this does not count as negative
+NEGATIVE_BELOW = 1e-8  # eigenvalues of the scaled symmetric part above minus this value do not count as negative
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 DENSE_UP_TO = 2_500  # number of coordinates whose density of states takes half a minute
-PROBES = 16  # random vectors for the trace in the density of states
-MARGIN = 0.01  # margin of the bounds over the width of the spectrum; bounds are computed to a tenth of it
+PROBES = 16  # number of random vectors for the trace in the density of states
+MARGIN = 0.01  # margin of the bounds, over the width of the spectrum; bounds are accurate to a tenth of the margin
 SHARP = 4.0  # ratio of the bin width to the resolution of the polynomials
 
 
@@ -32,7 +32,7 @@ class Spectrum(NamedTuple):
     """All eigenvalues λ of −M⁻¹J, sorted by real part, with their modes.
 
     A stable mode has λ > 0 and frequency √λ; λ < 0 means buckling. A complex pair λ_r ± iλ_i oscillates at ω_r and
-    grows as exp(ω_i t), ω_r + iω_i = √(λ_r + iλ_i).
+    grows as exp(ω_i t), with ω_r + iω_i = √(λ_r + iλ_i).
     """
 
     MADE_BY = "spectrum"
@@ -49,7 +49,7 @@ class Spectrum(NamedTuple):
 
     @property
     def pair_indices(self) -> np.ndarray:
-        """Indices of `pairs` in `eigenvalues`; modes, growth rates and frequencies have the same ones."""
+        """Indices of `pairs` in `eigenvalues`, and likewise in the modes, growth rates and frequencies."""
         index = np.flatnonzero(self.eigenvalues.imag > 0)
         return index[np.argsort(-self.growth_rate[index])]
 
@@ -77,7 +77,7 @@ class Spectrum(NamedTuple):
         return not len(self.pairs) and bool((self.eigenvalues.real > floor).all())
 
     def shares(self) -> np.ndarray:
-        """(n, 7) shares of the mass-weighted norm of each mode in x, y, z, rotations and the cell; they add up to 1."""
+        """(n, 7) shares of x, y, z, three rotations and the cell in the mass-weighted norm of each mode, with sum 1."""
         weight = self.free.mass[:, None] * np.abs(self.modes) ** 2
         axis = self.free.axis
         return np.stack([weight[axis == k].sum(axis=0) for k in range(7)], axis=1)
@@ -144,7 +144,7 @@ class SoftModes(NamedTuple):
 
 
 def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
-    """Negative eigenvalues with modes, and number of zero eigenvalues, among those nearest to zero.
+    """Negative eigenvalues with their modes, and the number of zero eigenvalues, among those nearest to zero.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
 
 
 def softest_eigenvalue(matrix, count: int = SOFTEST, tolerance: float = 1e-10) -> complex:
-    """Eigenvalue with the smallest real part among those nearest to zero, without zero modes; NaN if there are none.
+    """Eigenvalue with the smallest real part among those nearest to zero, except zero modes; NaN if there are none.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def damped_growth(
     """Exponents s of exp(st) of the linearised motion M q̈ = J q + C q̇ − M ν q̇, sorted by real part, largest first.
 
     All free coordinates are included, even rattlers and common translations; without drag, each adds s = 0 twice.
-    All eigenvalues are computed, by LAPACK: the exponents of a single contact agree with its closed form to 1e-12
+    LAPACK computes all eigenvalues; the exponents of a single contact agree with their closed form to 1e-12
     (`tests/unit/test_damped.py`).
 
     Parameters
@@ -352,13 +352,13 @@ class DensityOfStates(NamedTuple):
     """D(ω) of an undamped packing. Σ density · Δω is the fraction of its n modes with frequencies within the edges."""
 
     edges: np.ndarray  # (B + 1,) [1/time]
-    density: np.ndarray  # (B,) D, with real λ > 0 at ω = √λ and both members of complex pairs at ω = |Re √λ| [time]
+    density: np.ndarray  # (B,) D, with real λ > 0 at ω = √λ and both λ of a complex pair at ω = |Re √λ| [time]
     error: np.ndarray  # (B,) standard error from the random probes; zero if all eigenvalues were computed [time]
     of_pairs: np.ndarray  # (B,) contribution of complex pairs to `density`; NaN if it was not computed [time]
     frequency: np.ndarray  # (K,) frequencies of oscillating modes, sorted; empty if not all λ were computed [1/time]
     n: int  # number of modes: coordinates without those of rattlers
-    zero: int  # modes that do not oscillate, λ = 0
-    negative: int  # modes with λ < 0; −1 if they were not counted
+    zero: int  # number of modes that do not oscillate, λ = 0
+    negative: int  # number of modes with λ < 0; −1 if they were not counted
     resolution: float  # resolution of frequencies; 0 if all eigenvalues were computed [1/time]
     method: str  # "dense" or "polynomials"
 
@@ -374,7 +374,7 @@ def density_of_states(
     method: Literal["auto", "dense", "polynomials"] = "auto", probes: int = PROBES, seed: Seed = 0,
     report: Report = silent,
 ) -> DensityOfStates:  # fmt: skip
-    """Density of states D(ω) = (1/n) Σ_k δ(ω − ω_k), ω_k = |Re √λ_k| of the n eigenvalues of −M⁻¹J.
+    """Density of states D(ω) = (1/n) Σ_k δ(ω − ω_k), with ω_k = |Re √λ_k| for the n eigenvalues λ_k of −M⁻¹J.
 
     Rattlers are excluded. J is not symmetric: a pair λ_r ± iλ_i counts twice, at its ω_r, and is also reported
     separately in `of_pairs`. Modes with λ = 0 and λ < 0 have no frequency and are counted separately.
@@ -385,8 +385,8 @@ def density_of_states(
     method : "dense" computes all eigenvalues (at most 10,000 coordinates); "polynomials" estimates the counts by the
         kernel polynomial method: (1/n) tr T_k(A) with random probes, the Jackson kernel and bins integrated in closed
         form. It uses Re λ of pairs, with errors of order (λ_i/λ_max)², and counts negative λ and zero modes
-        other than translations in the lowest bin. "auto": dense up to 2500 coordinates
-    probes, seed : number of random vectors of ±1, and their seed; the error falls as 1/√(probes n)
+        other than translations in the lowest bin. "auto" selects "dense" up to 2500 coordinates
+    probes, seed : number of random vectors of ±1, and their seed; the error decreases as 1/√(probes n)
     report : called as report(stage, share done, text)
 
     Source
@@ -421,7 +421,7 @@ def density_of_states(
 
 def _bin_edges(bins, largest: float) -> np.ndarray:
     if np.ndim(bins) == 0 and not (isinstance(bins, int | np.integer) and bins > 0):
-        raise ValueError(f"bins must be their number, at least 1, or their edges, got {bins}")
+        raise ValueError(f"bins must be a number of bins, at least 1, or an array of edges, got {bins}")
     edges = np.linspace(0.0, largest, bins + 1) if np.ndim(bins) == 0 else np.asarray(bins, float)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] < 0:
         raise ValueError("the bin edges must be at least two increasing frequencies, none of them negative")
@@ -445,12 +445,12 @@ def _count_modes(values: np.ndarray, bins) -> DensityOfStates:
 
 
 def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) -> DensityOfStates:
-    """Density from Chebyshev moments.
+    """Density of states from Chebyshev moments.
 
-    With λ = centre + half cos θ, a resolution of π/K in θ corresponds to √λ_max/2 π/K in ω.
+    With λ = centre + half · cos θ, a resolution of π/K in θ corresponds to (√λ_max/2) π/K in ω.
     """
     if probes < 2:
-        raise ValueError(f"probes must be at least 2, to estimate the error, got {probes}")
+        raise ValueError(f"probes must be at least 2 to estimate the error, got {probes}")
     n, rng = matrix.shape[0], np.random.default_rng(seed)
     low, high = _spectral_bounds(matrix, rng.standard_normal(n))
     edges = _bin_edges(bins, float(np.sqrt(high)))
@@ -482,7 +482,7 @@ def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, r
 
 
 def _spectral_bounds(matrix, start: np.ndarray) -> tuple[float, float]:
-    """Interval that contains all real parts and zero, from the symmetric part with a margin."""
+    """Interval that contains zero and the real parts of all eigenvalues, from the symmetric part with a margin."""
     symmetric, eye = (matrix + matrix.T) / 2, sparse.eye_array(matrix.shape[0])
 
     def top(of) -> float:

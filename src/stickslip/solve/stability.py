@@ -36,7 +36,7 @@ MIXED = (
     "contacts at the Coulomb limit were assumed either all to stick or all to slide; mixed cases were not considered"
 )
 UNLOADED = "decreasing overlaps, for which this law shortens slips, were not considered: overlaps were assumed to grow"
-NEAR = 0.01  # gap of grains that nearly touch, over the smaller radius
+NEAR = 0.01  # largest gap of grains that nearly touch, over the smaller radius
 LEFT_OUT = "the dashpots of the law were ignored"
 DENSE_UP_TO, PAIRS_UP_TO = 1_500, 12_000  # numbers of coordinates: LAPACK is fastest below the first
 METHODS = {  # description of the computation
@@ -46,43 +46,43 @@ METHODS = {  # description of the computation
     "certify": "all complex pairs, and a certificate of the real eigenvalues",
     "fastest": "the lowest modes by shift and invert where factors fit into memory, and tangent dynamics",
 }
-DAMPED_UP_TO = 1_250  # coordinates with dashpots, solved within seconds; the first-order form has twice as many
-DAMPED_AT_MOST = 4_000  # coordinates with dashpots, solved within minutes
+DAMPED_UP_TO = 1_250  # number of coordinates with dashpots that take seconds; the first-order form has twice as many
+DAMPED_AT_MOST = 4_000  # number of coordinates with dashpots that take minutes
 NEAR_SHIFT = 4  # number of exponents with dashpots computed near each undamped one
-NEAR_ZERO = 18  # exponents computed near zero, six of which belong to translations
+NEAR_ZERO = 18  # number of exponents computed near zero, six of which belong to translations
 TOLERANCE = 1e-10  # relative tolerance of the inverse distance from the shift
-STARTS = 8  # undamped pairs near which exponents are searched for, the fastest first
-MOST_PAIRS = 8  # growing modes in a table
+STARTS = 8  # number of undamped pairs near which exponents are searched for, the fastest first
+MOST_PAIRS = 8  # largest number of growing modes in a table
 
 
 @readable(head=lambda result: _summary(result), rows=lambda result: _rows(result))
 class Stability(NamedTuple):
     """Stability of the linearised motion around a state, without rattlers.
 
-    Only if the forces balance is this a verdict; otherwise it describes the beginning of the motion. With dashpots,
+    It is a verdict only if the forces balance; otherwise it describes the beginning of the motion. With dashpots,
     λ = −s² for the growing exponents s of M q̈ = J q + C q̇.
     """
 
     n: int  # number of grains
     contacts: int  # number of contacts that touch
     rattlers: np.ndarray  # numbers of the rattlers, from 0
-    residual: float  # largest unbalanced force or torque/R over the mean normal contact force; see `imbalance`
-    swing: float  # force change caused by the motion, over the same mean force
+    residual: float  # largest unbalanced force or torque/R, over the mean normal contact force; see `imbalance`
+    swing: float  # force that stops the motion, over the same mean force
     pairs: np.ndarray  # (P,) complex λ with Im > 0, fastest growing first [1/time²]
     negative: np.ndarray  # (K,) real λ < 0 [1/time²]
     zero_modes: int
-    rigid: int  # zero modes that are translations of the whole packing
+    rigid: int  # number of zero modes that are translations of the whole packing
     modes: np.ndarray  # (n, P + K) generalised displacements of the pairs, then of the negative λ
     free: Freedom
     method: str  # method used: "dense", "pairs", "certify", "fastest" or "none"; `way` describes it
     scope: str  # limits of the analysis, in words
     causes: tuple[str, ...]  # possible reasons why forces do not balance (see `likely_causes`); empty if they do
-    at_limit: int = 0  # contacts at the Coulomb limit under sharp friction; this spectrum assumes that all keep sliding
+    at_limit: int = 0  # number of contacts at the Coulomb limit under sharp friction, all assumed to keep sliding here
     if_stuck: "Stability | None" = None  # stability if these contacts stick; None without such contacts
     undamped: "Stability | None" = None  # stability without the dashpots of the law; None if it has none
     slowest: complex | None = None  # exponent of the slowest decay with dashpots, if all were computed [1/time]
-    bonded: int = 0  # contacts with an intact bond, also across gaps
-    unverified: int = 0  # growing peaks in spectra of tangent dynamics from which no eigenvalue was extracted
+    bonded: int = 0  # number of contacts with an intact bond, including those across gaps
+    unverified: int = 0  # number of growing peaks in spectra of tangent dynamics without an extracted eigenvalue
 
     @property
     def way(self) -> str:
@@ -98,7 +98,7 @@ class Stability(NamedTuple):
     def grows(self) -> bool:
         """True if any mode grows exponentially in the linearised motion around this state, at rest or not.
 
-        False also if no spectrum was computed, because the forces do not balance (`method` is "none").
+        It is also False if no spectrum was computed because the forces do not balance (`method` is "none").
         """
         return bool(len(self.pairs) or len(self.negative))
 
@@ -107,7 +107,7 @@ class Stability(NamedTuple):
         """True if no growing mode was found, whether or not there are floppy modes.
 
         None away from equilibrium, if a mode grows only while contacts at the Coulomb limit keep sliding, or if
-        tangent dynamics grew but no eigenvalue was extracted.
+        tangent dynamics showed growth but no eigenvalue was extracted.
         """
         return combine_stability(self, self.if_stuck) if self.balanced else None
 
@@ -159,7 +159,7 @@ class Stability(NamedTuple):
 
 
 def combine_stability(sliding, stuck) -> bool | None:
-    """Combine the verdicts for contacts at the Coulomb limit when they keep sliding and when they stick.
+    """Combine the verdicts for two cases: contacts at the Coulomb limit all keep sliding, or they all stick.
 
     These contacts stick after a small disturbance, so the packing is unstable if a mode grows while they stick. A mode
     that grows only while all of them slide requires a motion that keeps them sliding in one direction; the verdict is
@@ -192,10 +192,10 @@ def stability(
     saved: Path | None = None,
     report: Report = silent,
 ) -> Stability:
-    """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, rattlers.
+    """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, and rattlers.
 
     A state with a residual above `BALANCED_BELOW` of the mean contact force is not in equilibrium. Then `stable` is
-    None, `verdict` states it, `causes` lists possible reasons, and the spectrum is computed only with a method other
+    None, `verdict` states this, `causes` lists possible reasons, and the spectrum is computed only with a method other
     than "auto". The mode of each contact is determined by its slip under this law, which may differ from the law under
     which the state was accepted. With sharp friction, a contact at the Coulomb limit slides or sticks depending on the
     direction in which it is pushed. The spectrum assumes that all such contacts slide, and `if_stuck` assumes that all
@@ -210,11 +210,11 @@ def stability(
     dashpots : if False, dashpots of the law are ignored, and every complex pair grows
     method : task: "fastest" (the fastest-growing pair), "all" (all complex pairs), "certify" (also a
         certificate of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000
-        coordinates, "fastest" beyond). Each uses the cheapest algorithm, given by `Stability.method`: LAPACK up to 1500
-        coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With dashpots,
-        all exponents are computed up to 1250 coordinates (with "dense", 4000). In larger packings, exponents are
-        searched for near those of the undamped motion, which are found with this method; beyond 90,000 coordinates,
-        probes find the fastest-growing one. With dashpots there is no certificate
+        coordinates, "fastest" beyond). Each uses the cheapest algorithm, which `Stability.method` names: LAPACK up to
+        1500 coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With
+        dashpots, all exponents are computed up to 1250 coordinates (with "dense", 4000). In larger packings, exponents
+        are searched for near those of the undamped motion, which the chosen method finds; beyond 90,000 coordinates,
+        probes find the fastest-growing one. With dashpots, there is no certificate
     saved : file in which a search for the fastest pair is saved every minute, and from which it continues; it is
         removed at the end
     report : called as report(stage, share done, text)
@@ -259,14 +259,14 @@ def stability(
 
 
 def _remove_saved(*searches: Path | None) -> None:
-    """Remove the files of finished searches, which remain until all have finished."""
+    """Remove the files of finished searches, which are kept until all searches have finished."""
     for path in filter(None, searches):
         for file in (path, path.with_stem(f"{path.stem}-damped")):
             file.unlink(missing_ok=True)
 
 
 def join_scopes(*scope: str) -> str:
-    """Scope from its parts, without empty ones."""
+    """Scope joined from those of its parts that are not empty."""
     return "; ".join(filter(None, scope))
 
 
@@ -342,7 +342,7 @@ def _near_contacts(state: State) -> str:
 
 
 def _cheapest_way(method: str, size: int) -> str:
-    """The cheapest algorithm for a task with `size` coordinates: a key of METHODS."""
+    """Cheapest algorithm for a task with `size` coordinates, as a key of METHODS."""
     if method == "dense" and size > 10_000:
         raise ValueError(f"the method 'dense' supports at most 10000 coordinates, got {size}: use 'pairs' or 'fastest'")
     if method in ("all", "pairs", "certify") and size > PAIRS_UP_TO:
@@ -388,7 +388,7 @@ def _find_fastest(here: LinearisedState, free: Freedom, matrix, report, saved: P
 
 
 def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, report, saved: Path | None):
-    """Pairs, their modes in the coordinates `free`, the scope of the search, negative and zero λ, unverified peaks."""
+    """Pairs, modes in the coordinates `free`, the scope of the search, negative and zero λ, and unverified peaks."""
     if method == "fastest":
         return _find_fastest(here, free, matrix, report, saved)
     from .pairs import find_pairs
@@ -459,14 +459,13 @@ def check_damped_method(method: str, size: int) -> None:
 def growing_exponents(
     pull, dampers, free: Freedom, undamped: np.ndarray, method: str, report: Report
 ) -> tuple[np.ndarray, np.ndarray, complex | None, str]:
-    """Growing exponents s of exp(st) with dashpots, each contact held in its mode.
+    """Growing exponents s of exp(st) with dashpots, with each contact held in its mode.
 
     Parameters
     ----------
     pull : (n, n) sparse A of `dynamical_matrix` [1/time²]
     dampers : (n, n) sparse ∂(Pᵀf)/∂q̇ [force time/length]
-    undamped : (P,) complex, growing exponents without dashpots, near which others are searched for in large packings
-    [1/time]
+    undamped : (P,) complex, growing exponents without dashpots; large packings are searched near them only [1/time]
     method : of `stability`; "dense", "all", "auto" and "fastest" compute all exponents of up to 1250 coordinates
 
     Returns
@@ -525,7 +524,7 @@ def _search_near_shifts(pull, drag, starts: np.ndarray, report) -> tuple[np.ndar
     for k, shift in enumerate(shifts):
         report("exponents with dashpots", k / len(shifts), f"{len(values)} growing so far")
         found, modes = _exponents_near(pull, drag, complex(shift), NEAR_SHIFT if k else NEAR_ZERO)
-        found = np.where(np.abs(found.imag) <= PAIR_ABOVE, found.real, found)  # round-off of a real one
+        found = np.where(np.abs(found.imag) <= PAIR_ABOVE, found.real, found)  # imaginary round-off of a real one
         found, modes = found[_is_growing(found)], modes[:, _is_growing(found)]
         new = [not np.any(np.abs(values - s) < 1e-8) for s in found]
         values, vectors = np.append(values, found[new]), np.hstack([vectors, modes[:, new]])

@@ -29,14 +29,14 @@ from .response import as_patterns, forced_motion
 from .spectrum import REAL_BELOW
 
 AT_MOST = 1_500  # number of coordinates for which eigenvectors and a few hundred singular values take minutes
-NOTHING = 1e-9  # largest excess of the bound over 1 that needs no search
+NOTHING = 1e-9  # excess of the bound over 1 up to which no search is needed
 COARSE = 1e-3  # relative residual of a singular vector; the singular value is accurate to about its square
-SMALL = 150  # size up to which LAPACK finds the largest singular value faster than Lanczos' method
+SMALL = 150  # matrix size up to which LAPACK finds the largest singular value faster than Lanczos' method
 UNCERTAIN = 1e10  # condition number of the modes beyond which round-off spoils the result
 SYMMETRIC = 1e-13  # largest asymmetry of a symmetric matrix, over its largest entry
-PAIRS = 8  # pairs of nearly coinciding modes whose beats are searched
-PERIODS = 20  # periods of the slowest mode in the default window, unless a beat is longer
-FINE = 24  # times around each of the best times, first between samples, then within a period on either side
+PAIRS = 8  # number of pairs of nearly coinciding modes whose beats are examined
+PERIODS = 20  # number of periods of the slowest mode in the default window, unless a beat is longer
+FINE = 24  # number of instants tried around each best one: between samples, then within a period on either side
 COVARIANCES_UP_TO = 400  # number of coordinates; matrices of four times this size are diagonalised within a minute
 CLOSE = 1e-6  # relative accuracy of the distance to instability
 
@@ -68,7 +68,7 @@ class NoElasticEnergyError(ValueError):
 
 
 class _ModalMotion(NamedTuple):
-    """(y, ẏ)(t) = Re X exp(st) W u from a start u, with norm |Re P exp(st) W u|; one of each conjugate pair of s."""
+    """(y, ẏ)(t) = Re X exp(st) W u from a start u, with norm |Re P exp(st) W u|; one s of each conjugate pair."""
 
     exponents: np.ndarray  # (k,)
     modes: np.ndarray  # (2n, k) X
@@ -88,11 +88,11 @@ def transient_growth(
 ) -> TransientGrowth:
     """Largest transient growth sup_t ‖exp(Bt)‖ of the motion M q̈ = J q + C q̇ of a packing with a stable spectrum.
 
-    Eigenvalues describe the long-time behaviour. J is not symmetric and its modes are not orthogonal, so their sum may
-    grow at first. Neither norm can grow if J is symmetric; all growth is due to the curl of friction.
+    Eigenvalues describe the long-time behaviour. J is not symmetric and its modes are not orthogonal, so a sum of modes
+    may grow at first. Neither norm can grow if J is symmetric; all growth is due to the curl of friction.
 
     A run of 12 disks with a thirtieth of `stable_time_step` went from a small `start` to within 0.8 % of `end`; the
-    difference falls with the square of the time step (`tests/modes/test_transient.py`).
+    difference is proportional to the square of the time step (`tests/modes/test_transient.py`).
 
     Parameters
     ----------
@@ -102,8 +102,8 @@ def transient_growth(
         factor.)
     duration : window that is searched [time]; default: 20 periods of the slowest mode, or a whole beat of the two most
         nearly coinciding modes if that is longer. Without dashpots, the motion is quasi-periodic and approaches its
-        supremum repeatedly, possibly only beyond this window: `amplitude` is the largest value found, `bound` an upper
-        bound
+        supremum repeatedly, possibly only beyond this window: `amplitude` is the largest value found, and `bound` an
+        upper bound
     samples : number of evenly spaced times, in addition to a third as many early times and the times at which nearly
         coinciding modes are in opposite phase
     report : called as report(stage, share done, text)
@@ -260,7 +260,7 @@ def _invert(vectors: np.ndarray) -> np.ndarray:
 
 def raise_unstable(rate: float) -> None:
     """Raise ValueError for a growing mode."""
-    raise ValueError(f"the packing is unstable and grows as exp({rate:.4g} t): a stable packing is needed")
+    raise ValueError(f"the packing is unstable, with growth as exp({rate:.4g} t): a stable packing is needed")
 
 
 def _normalise_modes(exponents, modes, norms, parts) -> _ModalMotion:
@@ -389,15 +389,15 @@ def stationary_fluctuations(
     state: State, law: Law, *, temperature: Positive = 1.0, noise: Numbers | None = None,
     drag: NotNegative = 0.0, spin_drag: NotNegative | None = None,
 ) -> Fluctuations:  # fmt: skip
-    """Stationary covariance L Σ + Σ Lᵀ + Q = 0 of M q̈ = J q + C q̇ − M ν q̇ + ξ, and its distance from instability.
+    """Stationary covariance Σ, L Σ + Σ Lᵀ + Q = 0, of M q̈ = J q + C q̇ − M ν q̇ + ξ, and distance to instability.
 
     Thermal noise has ⟨ξ ξᵀ⟩ = 2T (M ν − C) δ(t − t′), so every mode would have a kinetic and an elastic energy of
     T/2 each if forces had a potential. Frictional forces have none, and heat or cool modes. Distance and condition
     number are defined in the norm of the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
 
     Unresisted common translations (the centre of mass in a periodic cell) and unresisted coordinates are removed from
-    motion and noise; each translation adds T/(Σm) to the velocities of a run. The number of modes is that of the
-    remaining coordinates.
+    motion and noise; each translation adds T/(Σm) to the mean-square velocities of a run. The number of modes is that
+    of the remaining coordinates.
 
     In runs of 2000 decay times under noise on one grain, the variance of its displacement was 2 to 5 % below the value
     computed here, with a statistical error of 3 % (`tests/modes/test_response.py`).
@@ -461,7 +461,7 @@ def stationary_fluctuations(
 
 
 def energy_dynamics(pull: np.ndarray, drag: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Matrix L of ż = L z for z = (R y, ẏ), |z|² twice the energy, and R⁻¹; RᵀR is the symmetric part of A."""
+    """Matrix L of ż = L z for z = (R y, ẏ), where |z|² is twice the energy, and R⁻¹; RᵀR is the symmetric part of A."""
     n = len(pull)
     try:
         root = cholesky((pull + pull.T) / 2)

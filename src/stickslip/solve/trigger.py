@@ -25,11 +25,11 @@ MOST_RUNS = 60  # largest number of pulses
 
 @readable
 class Trigger(NamedTuple):
-    """Amplitude at which the first contact that sticks reaches the Coulomb limit or opens."""
+    """Amplitude, a factor of the drive, at which the first sticking contact reaches the Coulomb limit or opens."""
 
-    predicted: float  # by linear response and the exact law of contacts; inf if none was found [of the drive]
+    predicted: float  # from the linear response and the exact contact law; inf if none was found
     contact: tuple[int, int]  # bodies of this contact; (−1, −1) if none
-    measured: float  # from dynamics; NaN if not computed [of the drive]
+    measured: float  # from dynamics; NaN if not computed
     first: tuple[int, int]  # bodies of the first contact at the limit in dynamics; (−1, −1) if not computed
 
 
@@ -43,8 +43,8 @@ def trigger_amplitude(
     """Smallest amplitude of a drive, such as a wave, at which a contact first reaches the Coulomb limit.
 
     The prediction moves the grains along the linear response, with its velocities, and finds the first contact that
-    slides under the exact law, dashpots included. Dynamics raises steady shaking slowly, over 200 decay times, or
-    repeats a pulse with bisected amplitudes, and records the first contact at the limit.
+    slides under the exact law, dashpots included. In the dynamics, steady shaking is raised slowly, over 200 decay
+    times, or a pulse is repeated with bisected amplitudes, and the first contact at the limit is recorded.
 
     In 96 shaken packings of 16 disks without tangential dashpots, the prediction differed from dynamics by 1 %
     (median), and by less than 5 % in nine tenths of them, but by up to 40 % near a weakly damped resonance. Tangential
@@ -56,8 +56,8 @@ def trigger_amplitude(
     ----------
     drive : (N + W, 6), as in `frequency_response`; dynamics does not support torques
     frequency : ω of steady shaking [1/time]
-    times, factors : (K,) increasing times from zero, and the factor of the drive, interpolated linearly and zero
-        afterwards; instead of a frequency
+    times, factors : (K,) times that increase from zero, and factors of the drive at these times, interpolated linearly
+        and zero afterwards; instead of a frequency
     duration : time after the start of a pulse during which contacts are examined; default: twice its length [time]
     drag, spin_drag : ν of translations and of rotations [1/time]
     dynamics : if False, only the prediction is computed
@@ -92,7 +92,7 @@ def trigger_amplitude(
         raise ValueError("the law has smooth friction, so contacts never reach the Coulomb limit: use coulomb='sharp'")
     motion = forced_motion(state, law, drag, spin_drag)
     if count := len(motion.here.at_limit):
-        raise ValueError(f"{pluralize(count, 'contact')} at the Coulomb limit: any disturbance moves them")
+        raise ValueError(f"{pluralize(count, 'contact')} at the Coulomb limit: any disturbance can make them slide")
     if frequency is not None:
         if dynamics and not motion.drag.diagonal().any():
             raise ValueError(
@@ -100,7 +100,7 @@ def trigger_amplitude(
             )
         still, moving, prescribed = motion.drives(drive)
         x = motion.all_coordinates(solve_at(motion, [frequency], still[:, 0], moving[:, 0]), prescribed)[:, 0]
-        turns = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None]  # during a period
+        turns = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None]  # phases of a period
         ways = (turns * np.stack([x, 1j * frequency * x])[:, None]).real
     else:
         times, factors = np.asarray(times, float), np.asarray(factors, float)
@@ -168,7 +168,7 @@ def _pulse_ways(motion: ForcedMotion, drive, times, factors, duration: float, dt
 
 
 def _raise_slowly(motion, drive, frequency, predicted: float, drags) -> tuple[float, tuple[int, int]]:
-    """Amplitude of steady shaking, raised in proportion to time, at the first contact that reaches the limit."""
+    """Amplitude of steadily raised shaking when a contact first reaches the limit, and the bodies of this contact."""
     reach = SLOWLY * max(2 / motion.drag.diagonal().mean(), 2 * np.pi / frequency)
     grid = np.arange(0.0, 2 * reach, 2 * np.pi / frequency / 64)
     factor = predicted * grid / reach * np.cos(frequency * grid)
@@ -196,7 +196,7 @@ def _bisect_pulses(motion, drive, times, factors, duration, predicted: float, dr
 
 
 def _first_event(motion: ForcedMotion, drive, grid, factor, drags) -> tuple[float, tuple[int, int]] | None:
-    """Time since the start, and bodies, of the first contact that slides or opens, without those of rattlers."""
+    """Time since the start at which a contact, not of a rattler, first slides or opens, and its bodies; or None."""
     state = with_drive(motion, drive, grid, factor)
     dt = _time_step(motion, state)
     events = run(state, motion.here.law, int(grid[-1] / dt), dt, events=True, **drags)[1].events
@@ -214,9 +214,9 @@ def _time_step(motion: ForcedMotion, state: State) -> float:
 
 
 def with_drive(motion: ForcedMotion, drive: np.ndarray, grid, factor) -> State:
-    """State whose control exerts a drive (B, 6) times a factor, given at times after that of the state.
+    """State whose control exerts a drive (B, 6) times a factor, which is given at times relative to the state's.
 
-    Forces are exerted by springs so soft, with load points so far away, that motion does not change them.
+    Forces are exerted by springs so soft, and with load points so far away, that motion does not change the forces.
     """
     state = motion.here.state
     control, force = state.control, (drive * state.control.free)[:, :3]

@@ -1,7 +1,7 @@
 """Waves of a packing in a periodic cell: dispersion, damping and structure factor of P, S and rotational waves.
 
-Plane waves are unit vectors of the mass-weighted coordinates: displacements along k (P) and across k (S), and angles
-(R; in three dimensions first about k, then about the axes across k).
+Plane waves are unit vectors of the mass-weighted coordinates: displacements along k (P) and across k (S), and rotations
+(R; in three dimensions, first about k, then about the axes across k).
 """
 
 from typing import Annotated, NamedTuple
@@ -30,7 +30,7 @@ NAMES = {2: ("P", "S", "R"), 3: ("P", "S", "S", "R", "R", "R")}
 
 @readable
 class Dispersion(NamedTuple):
-    """Branches of waves, exp(st + ik·r), in the order of `names`; of two shear waves the faster one is first."""
+    """Branches of waves, exp(st + ik·r), in the order of `names`; of two shear waves, the faster one comes first."""
 
     wavevector: np.ndarray  # (K, dim) k [1/length]
     exponent: np.ndarray  # (K, p) complex s = −damping ± iω; p = 3 in two dimensions, 6 in three [1/time]
@@ -62,12 +62,12 @@ class Dispersion(NamedTuple):
 
 @readable
 class WaveSpectrum(NamedTuple):
-    """Spectrum of a packing, projected on plane waves: ⟨w, v(t)⟩ = Σ_j weight_j exp(s_j t) after v(0) = w."""
+    """Spectrum of a packing, projected onto plane waves: ⟨w, v(t)⟩ = Σ_j weight_j exp(s_j t) after v(0) = w."""
 
     wavevector: np.ndarray  # (K, dim) k [1/length]
     exponent: np.ndarray  # (M,) complex s of all modes except translations [1/time]
-    weight: np.ndarray  # (K, p, M) complex weights for P, S, …, R; their sum is one minus the part of translations
-    pair: np.ndarray  # (M,) True for modes of complex pairs: Im s² beyond round-off if undamped, otherwise growth
+    weight: np.ndarray  # (K, p, M) complex weights for P, S, …, R; their sum is one minus the share of translations
+    pair: np.ndarray  # (M,) True for modes of complex pairs, by Im s² if undamped, and otherwise by their growth
 
     def structure_factor(self, frequency: Numbers, width: float = 0.0) -> np.ndarray:
         """(K, p, F) S(k, ω) = (1/π) Re ∫ ⟨w, v(t)⟩ exp(−iωt − width·t) dt over t > 0; its integral over all ω is one.
@@ -75,7 +75,7 @@ class WaveSpectrum(NamedTuple):
         Parameters
         ----------
         frequency : (F,) ω [1/time]
-        width : rate that widens each peak [1/time]; without damping peaks are sharp, and a width is needed
+        width : rate that widens each peak [1/time]; without damping, peaks are infinitely sharp, and a width is needed
         """
         require_not_negative(width=width)
         decay = width - self.exponent.real
@@ -118,18 +118,18 @@ def dispersion(
 
     For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by the response of p coupled damped
     oscillators, (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀. For P and S, s₀ is √Re⟨P|A|P⟩;
-    for R it is √Re⟨R|A|R⟩ of the first R, or the s₀ of P if ⟨R|A|R⟩ is not positive, or √max|A| if neither is. The
+    for R, it is √Re⟨R|A|R⟩ of the first R, or the s₀ of P if ⟨R|A|R⟩ is not positive, or √max|A| if neither is. The
     branches are poles of this response, chosen among the p poles with the largest Im s: with the first s₀, the poles
     whose vectors have the largest shares in P and S, and with the second, those with the largest shares in R.
 
     A = −M^(−1/2) J M^(−1/2) and D = ν − M^(−1/2) C M^(−1/2), in the coordinates of `backbone`. The column of P in W is
-    √m k̂ exp(ik·r) over its norm; the column of S has a unit vector across k in place of k̂, and that of R is √I e
+    √m k̂ exp(ik·r), normalised; the column of S has a unit vector across k in place of k̂, and that of R is √I e
     exp(ik·r), where I is the moment of inertia. Common translations are not removed from W or A.
 
     In a lattice with one grain per cell, the plane waves are invariant under A and D, and the poles are exact. In a
-    disordered packing, a wave is a group of modes, and the poles are frequency and decay of the group: s₀ is so far
-    from the modes that single ones do not matter. Each k takes two sparse factorisations. In 300 disks, the structure
-    factor of all modes peaked within 2 % of P and S, and within 8 % of R (`tests/modes/test_waves.py`).
+    disordered packing, a wave is a group of modes, and the poles give the frequency and decay of the group: s₀ is so
+    far from the modes that single modes do not matter. Each k takes two sparse factorisations. In 300 disks, the
+    structure factor of all modes peaked within 2 % of P and S, and within 8 % of R (`tests/modes/test_waves.py`).
 
     Parameters
     ----------
@@ -182,14 +182,14 @@ def wave_spectrum(
     state: State, law: Law, wavevector: Numbers | None = None, *, drag: NotNegative = 0.0,
     spin_drag: NotNegative | None = None,
 ) -> WaveSpectrum:  # fmt: skip
-    """Project all modes, damped by drag and dashpots, on plane waves: dynamical structure factor and complex pairs.
+    """Project all modes, damped by drag and dashpots, onto plane waves: dynamical structure factor and complex pairs.
 
     Waves W and matrices are those of `dispersion`, without common translations: A, D and W are restricted to the space
     orthogonal to √m in each direction. weight_j = w†r_j l_j†w, with the velocity part r_j of mode j and its dual l_j.
 
-    The dense solution takes at most 2000 coordinates. For larger packings `dispersion` needs no modes, and
-    `frequency_response` with `plane_wave` as drive and observable gives χ(iω); S = −(ω/π) Im χ, if the common
-    translation is first removed from the waves: drive − m Σ drive/Σ m over the grains without rattlers.
+    The dense solution supports at most 2000 coordinates. For larger packings, `dispersion` needs no modes, and
+    `frequency_response` with `plane_wave` as drive and observable gives χ(iω). Then S = −(ω/π) Im χ, if the common
+    translation is first removed from the waves: drive − m Σ drive/Σ m, with sums over all grains but rattlers.
 
     Parameters
     ----------
@@ -220,15 +220,15 @@ def wave_spectrum(
 def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
     """(K, dim) speeds of long waves from the moduli, fastest first: ρc² u_a = C_abcd n_b n_d u_c (Christoffel).
 
-    ρ is the mass of all grains but rattlers, over the volume. A uniform stress drops out of the equation if C is the
-    response of the Cauchy stress, as here. Speeds are NaN where a wave is unstable.
+    ρ is the mass of all grains but rattlers, divided by the volume. A uniform stress drops out of the equation if C is
+    the response of the Cauchy stress, as here. Speeds are NaN where a wave is unstable.
 
-    In 300 disks, waves of `dispersion` were 2 % slower at a wavelength of 18 diameters, and 6 to 9 % slower at 6
+    In 300 disks, the speeds from `dispersion` were 2 % lower at a wavelength of 18 diameters, and 6 to 9 % lower at 6
     diameters (`tests/modes/test_waves.py`).
 
     Parameters
     ----------
-    direction : (K, dim), of any nonzero length: wave vectors, for example
+    direction : (K, dim) vectors of any nonzero length, such as wave vectors
     """
     free, n = elastic_moduli(state, law), in_plane(state, direction=direction)
     require_direction(direction=n)
@@ -267,7 +267,7 @@ def _plane_waves(state: State, free: Freedom, k: np.ndarray) -> np.ndarray:
 
 
 def _branches(motion: ForcedMotion, waves: np.ndarray, transposed) -> tuple[np.ndarray, np.ndarray]:
-    """Exponents (p,) of the branches P to R and their polarisation (p, p), P and S expanded near P, R near R."""
+    """Exponents (p,) of the branches P to R and their polarisation (p, p): P and S expanded near P, R near R."""
     dim, p = motion.free.dim, waves.shape[1]
     exponents, shares = np.zeros(p, complex), np.zeros((p, p))
     square = [(wave.conj() @ ((motion.pull + transposed) @ wave)).real / 2 for wave in waves[:, [0, dim]].T]
