@@ -71,7 +71,7 @@ def packing(
     state: Committed, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
     width: Positive = WIDTH, zoom: Zoom = 1.0,
 ):  # fmt: skip
-    """Draw grains, contacts (width by normal force, colour by status), bonds, walls, cell, and the orbits of a mode.
+    """Grains, contacts (width by normal force, colour by status), bonds, walls, cell, and the orbits of a mode.
 
     A mode moves grain i along Re(u_i exp(−iωt)), an ellipse. It is drawn at each grain, with an arrow at t = 0. All
     ellipses are enlarged by the same factor, so that the largest reaches one mean radius. In three dimensions, balls

@@ -102,7 +102,7 @@ def _oscillation(time, growth):
 
 @style.styled
 def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequency"))], dim: int, grains: int = 4):
-    """Displacements during a few turns of growth: trajectories of grains, and one grain against time (Fig 4)."""
+    """Displacements during a few periods of growth: trajectories of grains, and one grain against time (Fig 4)."""
     figure = style.OwnFigure(figsize=(style.WIDTH, 5.4 if dim == 3 else 4.6), layout="constrained")
     if not len(run.turns):
         figure.text(0.5, 0.5, "M did not grow far enough", ha="center")
