@@ -217,7 +217,8 @@ def rows(*words: str, smallest: bool = False):
                 text.append(_line(name, basis, n.made, *shares, *rest))
                 yield number(f"{name}, {basis}: share that came", n.came / n.made)
                 yield number(f"{name}, {basis}: share in the interval", n.inside / n.came if n.came else 0.0)
-    about = "Saddle nodes of the catalogue are extrapolated from eigenvalues at three distances, each 1/8 of the last:"
+    where = "three distances, each an eighth of the previous one"
+    about = f"Saddle nodes of the catalogue are extrapolated from eigenvalues at {where}:"
     whole = "\n".join([*text, "", about, "", *catalogue_table(saddle_nodes(1))])
     yield whole
     if not smallest and PAGE.is_file():
