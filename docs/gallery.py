@@ -324,11 +324,11 @@ def write_page() -> None:
     """Write the page."""
     text = [
         "# Gallery", "",
-        "Every figure function takes a result, or data derived from it, and returns a matplotlib Figure. Each picture is",
-        "drawn by the code below it, after `import stickslip as ss` and the code at the head of its section. Click on",
-        "a picture to enlarge it. Colours are those of Okabe and Ito and of viridis; figures of one column are 86 mm wide.",
-        "`python docs/gallery.py` draws all of them; `stickslip run EXAMPLE --out FOLDER` writes the figures of",
-        "one example. For movies and three-dimensional pages, see [look.md](look.md).", "",
+        "Every figure function takes a result, or data derived from it, and returns a matplotlib Figure. The code",
+        "below each picture draws it, after `import stickslip as ss` and the code at the beginning of its section. Click on",
+        "a picture to enlarge it. The colours are those of Okabe and Ito and of viridis. Figures of one column are",
+        "86 mm wide. `python docs/gallery.py` draws all pictures; `stickslip run EXAMPLE --out FOLDER` writes the",
+        "figures of one example. For movies and three-dimensional pages, see [look.md](look.md).", "",
     ]  # fmt: skip
     for name, section in SECTIONS.items():
         text += [f"## {section.heading}", "", "```python", section.start.strip(), "```", ""]
