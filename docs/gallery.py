@@ -325,7 +325,7 @@ def write_page() -> None:
     text = [
         "# Gallery", "",
         "Every figure function takes a result, or data derived from it, and returns a matplotlib Figure. The code",
-        "below each picture draws it, after `import stickslip as ss` and the code at the beginning of its section. Click on",
+        "below each picture draws it, after `import stickslip as ss` and the code at the head of its section. Click on",
         "a picture to enlarge it. The colours are those of Okabe and Ito and of viridis. Figures of one column are",
         "86 mm wide. `python docs/gallery.py` draws all pictures; `stickslip run EXAMPLE --out FOLDER` writes the",
         "figures of one example. For movies and three-dimensional pages, see [look.md](look.md).", "",
