@@ -53,6 +53,14 @@ def test_a_quench_of_loose_grains_ends_without_contacts_and_does_not_jam(monkeyp
             jammed(60, packing_fraction=fraction, radius=0.5)
 
 
+def test_a_quench_under_a_large_tolerance_ends_with_contacts_that_carry_more_or_with_none():
+    start, law = (
+        ss.assembly(ss.disks([[0.0, 0.0], [0.9, 0.0]], 0.5), cell=ss.box(dim=2)),
+        ss.laws.linear(kn=1.0, mu=0.0),
+    )
+    assert np.ptp(quench(start, law, 1.0).grains.position[:, 0]) > 1
+
+
 def test_a_quench_that_runs_out_of_steps_returns_the_last_positions():
     law = frictionless(ss.laws.hertz_mindlin())
     start = random_grains(60, 0.7, 3, radius=0.5, mass=1.0, i0=None, seed=0)

@@ -28,12 +28,21 @@ def test_samples_are_what_the_states_say(n, dim):
     np.testing.assert_allclose(
         record.momentum_flux[-1], np.einsum("a,ab,ac->bc", moving.mass, moving.velocity, moving.velocity), rtol=1e-12
     )
+    energy = 0.5 * (moving.mass @ moving.velocity**2 + moving.inertia @ moving.spin**2).sum()
+    assert record.kinetic_energy[-1] == pytest.approx(energy)
     assert record.rattlers[-1] == ss.measure.rattlers(end).sum()
     assert record.held_coordination[-1] == pytest.approx(ss.measure.coordination(end))
     assert record.coordination[-1] == pytest.approx(ss.measure.contact_numbers(end).mean())
     assert 0 < record.sliding_fraction[-1] < 1
     half, _, _ = ss.run(state, law, 20, 0.05)
     assert record.coordination[1] == pytest.approx(ss.measure.contact_numbers(half).mean())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_grains_without_friction_need_another_support(dim):
+    end, record, _ = ss.run(flowing(n=30, dim=dim), ss.laws.hertz_mindlin(mu=0.0), 50, 0.05, every=10)
+    held = ss.measure.rattlers(end, least=dim).sum()
+    assert record.rattlers[-1] == ss.measure.rattlers(end, least=dim + 1).sum() > held
 
 
 @pytest.mark.parametrize("dim", [2, 3])
