@@ -52,9 +52,9 @@ def test_queries_of_edem_are_columns(below, tmp_path):
     [
         (edem(below=True).replace("TIME", "T"), "no line `TIME:` above them"),
         (edem(below=True).replace("Mass", "Diameter"), "has the query 'Diameter' twice at time 0.4"),
-        (edem(below=True, Charge=[1, 2]), "has 2 values of 'Charge' at time 0.4, but 3 of other queries"),
+        (edem(below=True, Charge=[1, 2]), "has 2 values of 'Charge' at time 0.4, but 3 values of others"),
         (f"3\n3 1\n3\n1.0\n{LATTICE}\nT T T\n1 2 3\n", "has 3 numbers for 3 positions in 3 dimensions"),
-        (f"3\n3 2\n1 1\n1 2\n{LATTICE}\nT T T\n{ROWS}\n", "declares 3 spheres, but 2 of all kinds together"),
+        (f"3\n3 2\n1 1\n1 2\n{LATTICE}\nT T T\n{ROWS}\n", "declares 3 spheres, but its kinds have 2 in total"),
         ("N = 3 ,L = 4 ,L1= { 4 , 0 } ,L2= { 1 , 4 } ,P = 1 ,\n{\n0 , 0 , 1 ,\n}\n", "has 3 numbers for 3 disks"),
         ("N = 3 ,L = 4 ,L1= { 4 , 0 } ,L2= { 1 , 4 } ,P = 1 ,\n{\n0 , 0 , 1 ,\n", "is truncated: N, L1, L2"),
         (f"Version 2.0\nDimension: 3\nParticles: 4\nCoordinates: T\nDiameter: F 1\n{ROWS}\n", "has 3 rows for 4"),

@@ -99,14 +99,14 @@ END = "dump grains"
         (STYLE, STYLE.replace("break no smooth no", "break yes"), ""),
         (STYLE, "bond_style none", ""),
         (STYLE, "", "bonds of glued.data were not imported: there is no bond_style"),
-        ("bond_coeff * 0.05", "bond_coeff 2* 0.05", "no bond_coeff gives bonds of type 1 a law"),
+        ("bond_coeff * 0.05", "bond_coeff 2* 0.05", "no bond_coeff defines a law for bonds of type 1"),
         (
             "bond_coeff * 0.05",
             "bond_coeff glue 0.05",
             "the type glue of a bond_coeff is neither a number nor a label in a labelmap",
         ),
         ("bond_coeff * 0.05", "labelmap bond 1 glue\nbond_coeff glue 0.05", ""),
-        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10", "bpm/spring has 3 coefficients, got 2: 0.05 10"),
+        ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10", "bpm/spring needs 3 coefficients, got 2: 0.05 10"),
         ("bond_coeff * 0.05 10 0.0", "bond_coeff * nan 10 0", "coefficients of bpm/spring must be finite and not nega"),
         ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10 -1", "be finite and not negative, got 0.05 10 -1"),
         ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0 10 0", "its first stiffness, and strengths of bonds that break"),
@@ -385,7 +385,7 @@ def test_a_data_file_has_the_bonds_and_their_laws(kind, tmp_path):
     text = (tmp_path / "p.data").read_text()
     (tmp_path / "r.data").write_text(text.replace("# bond_coeff 1 ", "# bond_coeff 9 "))
     said = doubts(ss.io.read_packing(tmp_path / "r.data", boundary="pff").notes)
-    assert len(said) == 1 and "were not imported: no bond_coeff gives bonds of type 1 a law" in said[0]
+    assert len(said) == 1 and "were not imported: no bond_coeff defines a law for bonds of type 1" in said[0]
     rng = np.random.default_rng(1)
     way, turn = rng.uniform(-0.02, 0.02, (2, 27, 3))
     loads = []

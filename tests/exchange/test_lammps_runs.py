@@ -588,7 +588,7 @@ def test_tables_under_their_usual_names(text, tmp_path):
         ("2\n\nA 0 0 0\nA 1 0 0\n", "no radii after species x y z: add them as a fifth column"),
         ("2 0 0 0 1\n4 5 6 0 1\n", "it begins with '2 0 0 0 1 | 4 5 6 0 1'"),
         ("1 2 3\n4 5 6\n", "it begins with '1 2 3 | 4 5 6'"),
-        ("x y z r\n0 0 0\n", "has 3 entries in row 1, where its columns are 4"),
+        ("x y z r\n0 0 0\n", "has 3 entries in row 1, but 4 columns"),
         ("x y z r\n0 0 0 one\n", "is not a number"),
         ("x y z r\n0 0 0 nan\n", "radius contains NaN or infinity"),
         ("x y z r\n0 0 0 1", "ends in the middle of a line"),

@@ -233,7 +233,7 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
         ("beyond the Coulomb limit for mu = 0.3", lambda: ss.packings.from_forces(changed(m, force_t=strong), LAW)),
         ("gap of .* of a radius", lambda: changed(m, position=away)),
         ("pull each other", lambda: changed(m, force_n=pull)),
-        ("use 0 to 59", lambda: changed(m, pair_j=m.pair_j + 60)),
+        ("use numbers from 0 to 59", lambda: changed(m, pair_j=m.pair_j + 60)),
         ("no grain is held", lambda: ss.packings.from_forces(changed(m, held=[]), LAW)),
         ("have two entries", lambda: changed(m, **{name: np.repeat(getattr(m, name)[:1], 2) for name in lists})),
         ("check kn", lambda: ss.packings.from_forces(m, ss.laws.linear(1e-9))),

@@ -116,5 +116,5 @@ def test_pieces_of_another_part_are_refused(tmp_path):
     kept = Checkpoint(tmp_path, "scenario")
     kept.of("a").save("x", {"y": 1.0})
     kept.of("a").folder.rename(kept.of("b").folder)
-    with pytest.raises(archive.ArchiveError, match=r"contains pieces of a: restore the original names"):
+    with pytest.raises(archive.ArchiveError, match=r"contains pieces of a: restore the original folder names"):
         kept.of("b").load("x")

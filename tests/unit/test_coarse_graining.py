@@ -101,7 +101,7 @@ def test_in_equilibrium_the_divergence_of_the_stress_is_the_weight():
     [
         ({"width": 0.0}, r"width must be positive.*, got 0.0"),
         ({"width": 0.1, "spacing": -1.0}, r"spacing must be positive, got -1.0"),
-        ({"width": 0.1, "spacing": 1e-4}, r"spacing = 0.0001 gives a grid of .* points: .* for at most 1e\+07"),
+        ({"width": 0.1, "spacing": 1e-4}, r"spacing = 0.0001 gives a grid of .* points, more than 1e\+07"),
         ({"width": 1e9}, r"width = 1e\+09 exceeds the cell"),
     ],
 )
