@@ -56,7 +56,7 @@ class Linearisation(NamedTuple):
     fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
     half: np.ndarray  # (C,) half the overlap, by which lever arms are shorter than R
     half_mid: np.ndarray  # (C,) half the overlap halfway between the commit and now
-    together: np.ndarray  # (C, 3) change of angle_i + angle_j since the commit, if lever arms are shorter
+    together: np.ndarray  # (C, 3) change of angle_i + angle_j since the commit, if lever arms are shorter than R
     bond: np.ndarray = np.zeros((1, 3))  # force of bonds on body i, (C, 3), or zeros (1, 3) without bonds
 
     @property
@@ -121,8 +121,8 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     Returns
     -------
     (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
-        with bonds, rolling resistance or lever arms R − δ/2 (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i −
-        angle_j), see `rolling` and `tangent`
+        or, with bonds, rolling resistance or lever arms R − δ/2, (C, 9, 9) derivatives of (F, T/R, M) with respect to
+        (r, ρ, angle_i − angle_j): see `rolling` and `tangent`
 
     Raises
     ------
@@ -131,7 +131,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
 
     Source
     ------
-    doi:10.48550/arXiv.1908.11724, supplement Eqs 9–35, with the errata of the documentation.
+    doi:10.48550/arXiv.1908.11724, supplement Eqs 9–35, with the errata listed in the documentation.
     """
     return blocks_of(state, law, linearise(state, law, memory=memory), memory)
 
@@ -146,7 +146,7 @@ def blocks_of(state: State, law: Law, c: Linearisation, memory: int = HELD):
 
 
 def bond_blocks(state: State) -> np.ndarray:
-    """(C, 9, 9) parts of the blocks of contacts that are due to bonds."""
+    """Part of the contact blocks that is due to bonds, (C, 9, 9)."""
     nothing = np.zeros((2, int(state.contacts.count[0]), 9, 9))
     return next(with_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, state.contacts, *nothing))
 
@@ -213,7 +213,7 @@ def triplets(state: State, blocks: np.ndarray):
 
 
 def inverse_radii(state: State) -> np.ndarray:
-    """Inverse radii 1/R of grains, (B,), zero for walls, which do not rotate [1/length]."""
+    """Inverse radii 1/R of all bodies, (B,), zero for walls, which do not rotate [1/length]."""
     return np.append(1.0 / state.grains.radius, np.zeros(len(state.walls.mass)))
 
 
