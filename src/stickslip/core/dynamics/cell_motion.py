@@ -30,7 +30,7 @@ class Flow(NamedTuple):
     matrix: np.ndarray
     factor: (
         np.ndarray
-    )  # (2, C + 1) values of courses, mean over the step and at its end; the last is 1, for rates without a course
+    )  # (2, C + 1) time profiles: mean over the step, value at its end; the last is 1, for rates without a profile
     rate: np.ndarray  # (B, 6) rates of bodies, in the order of memory
     follows: np.ndarray  # (B, 6)
 
@@ -67,7 +67,7 @@ class Frame(NamedTuple):
 @checked
 @knows_bonds
 def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
-    """State after an affine displacement x → x + G x of grains and cell; not in equilibrium.
+    """State after an affine displacement x → x + G x of grains and cell, in general not in equilibrium.
 
     The cell is always spanned by its vectors, so simple shear makes it triclinic (Lees–Edwards conditions).
 
@@ -81,7 +81,7 @@ def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
     Raises
     ------
     ValueError
-        If G has another shape or leaves the plane, or if the state has walls (they would have to bend).
+        If G has a wrong shape or leaves the plane, or if the state has walls (they would have to bend).
     """
     dim = state.cell.dim
     gradient = as_numbers(gradient)
@@ -110,7 +110,7 @@ def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
 
 
 def needs_frame(state: State) -> bool:
-    """Return True if a run needs a frame."""
+    """Return True if a run needs a `Frame`: the cell deforms, or a rate has a time profile."""
     control = state.control
     return deforms(state) or bool((control.follows >= 0).any())
 

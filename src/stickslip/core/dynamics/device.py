@@ -72,7 +72,7 @@ class Cuda:
 
 
 def launches(sizes: Sizes, steps: int) -> Iterator[tuple[str, int, int]]:
-    """Name, blocks and threads of each kernel for a number of steps, and of the tasks after them."""
+    """Name and numbers of blocks and threads of each kernel launch, for some steps and the tasks after them."""
     bodies, dim = sizes.slots * sizes.room, sizes.dim
     each = -(-bodies // THREADS), THREADS
     yield from [(f"step_{dim}", bodies // TILE, CREW)] * steps
@@ -134,7 +134,7 @@ def run_batch(
     Raises
     ------
     ValueError
-        If a device cannot run a system, or if dt is longer than `stable_time_step`.
+        If the device cannot run a system, or if dt is longer than `stable_time_step`.
     MissingExtraError
         If CuPy is missing.
     RuntimeError

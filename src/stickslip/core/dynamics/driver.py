@@ -50,7 +50,7 @@ def available_threads() -> int:
 
 
 def _thread_count(n: int, asked: int | None, watched: bool) -> int:
-    """Number of threads for a run: one if events are recorded, as this is done in memory order."""
+    """Number of threads for a run: one if events are recorded, because they are recorded in memory order."""
     if watched or (asked is None and n < 2 * GRAINS_PER_THREAD):
         return 1
     wanted = min(available_threads(), n // GRAINS_PER_THREAD) if asked is None else asked
@@ -95,7 +95,7 @@ class _Run:
         self.constants = [value and core.fill(kind, value) for kind, value in given]
         self.set_writing(writing)
         self.few = 1 + 300 / len(state.grains.radius)  # choosing few pairs is disproportionately expensive
-        # step; whether it has ended; whether velocities are those of the full step already
+        # number of the step; whether it has ended; whether velocities are already those of the full step
         self.progress = np.array([0, instant is not None, instant is None])
         self.residual = np.array([np.inf, -1.0])
         if instant is not None:
@@ -172,7 +172,7 @@ class _Run:
         return code
 
     def find_broken(self) -> tuple[int, int]:
-        """NOT_FINITE or RUNAWAY with the body concerned, or DONE and −1 otherwise."""
+        """NOT_FINITE or RUNAWAY and the body concerned; otherwise DONE and −1."""
         for code, row in (
             (core.NOT_FINITE, core.find_not_finite(self.moved)),
             (core.RUNAWAY, core.find_runaway(self.moved, self.plan.dt)),
@@ -348,5 +348,5 @@ def _forces_in_state_order(moving) -> np.ndarray:
 
 
 def _without_open_pairs(contacts):
-    """List without open pairs, which takes half the memory."""
+    """Contact list without open pairs; it takes half the memory."""
     return select_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))

@@ -48,7 +48,7 @@ class Ledger(NamedTuple):
     viscous: np.ndarray  # (T,) dissipated by dashpots
     drag: np.ndarray  # (T,) dissipated by drag
     # (T,) created (negative: destroyed) by tangential springs whose stiffness changed or whose slip was rescaled, and
-    # by bonds, whose loads have an energy only to first order in the rotations
+    # by bonds, whose loads derive from an energy only to first order in the rotations
     nonpotential: np.ndarray
     bonded: np.ndarray | float = 0.0  # (T,) stored in bonds
     broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: their stored energy less their remaining work
@@ -63,7 +63,7 @@ class Ledger(NamedTuple):
 
 
 class Books(NamedTuple):
-    """Data for posting one step: the state before it, and the running row."""
+    """Data for adding one step to the ledger: the state before it, and the running sums."""
 
     bodies: Bodies
     contacts: tuple
@@ -94,7 +94,7 @@ def open_books(samples: int, stride: int, bodies: Bodies, state: State, law: Law
 def post_step(
     books: Books, state: State, plan: Plan, here: Bodies, contacts, bonds: Bonds | None, step: int, every: int
 ) -> Books:
-    """Post one step, from the state in the books to `here`, `contacts` and `bonds`, which are not modified."""
+    """Add one step, from the state in the books to `here`, `contacts` and `bonds`, which are not modified."""
     vectors, row = state.cell.vectors, books.row
     pull = spring_forces(state.control, here.position, state.time + step * plan.dt)
     row[_STORED] = 0.0
@@ -118,7 +118,7 @@ def post_step(
 
 
 def _ends_of_step(old: Bodies, now: Bodies, before, after, old_vectors, vectors) -> dict:
-    """Members of the struct of a step that describe its ends."""
+    """Struct members that describe the beginning and the end of a step."""
     strain = np.zeros((3, 3))
     if (vectors != old_vectors).any():  # dt L of the step that moved the cell
         strain = 2 * np.linalg.solve(vectors + old_vectors, vectors - old_vectors).T
@@ -201,7 +201,7 @@ class PathLedger:
         _post(self.row, state, state, law, first=True)
 
     def post(self, end: State) -> None:
-        """Post a small step to another accepted state."""
+        """Add a small step to another accepted state."""
         _post(self.row, self.here, end, self.law)
         self.here = end
 
@@ -213,12 +213,12 @@ class PathLedger:
         return bool(abs(defect) <= UNBALANCED * np.abs(row - self.row).sum())
 
     def post_run(self, end: State, ledger: Ledger) -> None:
-        """Post a run from the present state, whose ledger was sampled at its end; `stop` may follow."""
+        """Add a run from the present state, given its ledger, which has a sample at its end; `stop` may follow."""
         self.row[_STORED], self.here = 0.0, end
         self.row += [column[-1] for column in ledger]
 
     def stop(self, end: State) -> None:
-        """Post the removal of the kinetic energy of the present state."""
+        """Add the removal of the kinetic energy of the present state."""
         self.row[COLUMNS.index("drag")] += self.row[0]
         self.row[0], self.here = 0.0, end
 

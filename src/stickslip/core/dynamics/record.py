@@ -174,7 +174,7 @@ def write_groups(row: np.ndarray, state: State, external, bodies, force, time: f
 
 
 def add_bonds(row: np.ndarray, state: State, law) -> None:
-    """Add the bonds of a state to a sample that has the contributions of contacts; see `measure.touching`."""
+    """Add the bonds of a state to a sample that already has the contributions of contacts; see `measure.touching`."""
     virial, nothing, least = np.zeros((3, 3)), np.zeros((state.n_bodies, 3)), least_supports(law, state.cell.dim)
     add_bond_loads(state.bonds, state.cell.dim, bodies_of(state), state.cell.vectors, nothing, nothing.copy(), virial)
     values = {
@@ -205,7 +205,7 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
 
 
 def with_lost_contacts(writing: RecordBuffers, before, after, position, time) -> RecordBuffers:
-    """Record as opened the contacts that left the list in one step."""
+    """Record the contacts that left the list in one step as opened."""
     if not len(writing.events):
         return writing
     n, count = int(before.count[0]), int(writing.event_count[0])
