@@ -18,9 +18,9 @@ Properties of any law
     with_twisting       resistance to twisting: a spring with a cap, or Marshall's
 
 Bonds, which act in addition to a contact law; `packings.bonded` makes them
-    spring_bond         a spring along the line of centres, as LAMMPS `bpm/spring`
-    beam_bond           tension, shear, bending and twisting, as LAMMPS `bpm/rotational`
-    parallel_bond       cement between grains, as Potyondy & Cundall 2004
+    spring_bond         a spring along the line of centres, as in LAMMPS `bpm/spring`
+    beam_bond           tension, shear, bending and twisting, as in LAMMPS `bpm/rotational`
+    parallel_bond       cement between grains, as in Potyondy & Cundall 2004
 
 User-defined laws
     custom              a law from Python functions of scalars

@@ -154,10 +154,10 @@ def hertz_mindlin_reff(
     return make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
-# Laws whose normal force has additional parameters: adhesion, liquid bridges, plasticity. All have the parameters of
-# `hertz_mindlin`, including `coulomb`, `damping` and `tension`, and additional ones. Dashpots act where the overlap is
-# positive, and contribute to no cap except that of `walton_braun`. Viscoelastic dashpots of `jkr` use the radius √(δ
-# R_eff), whereas those of LAMMPS use a.
+# Laws whose normal force has additional parameters: adhesion, liquid bridges, plasticity. All also have the parameters
+# of `hertz_mindlin`, including `coulomb`, `damping` and `tension`. Dashpots act where the overlap is positive, and
+# contribute to no cap except that of `walton_braun`. Viscoelastic dashpots of `jkr` use the radius √(δ R_eff), whereas
+# those of LAMMPS use a.
 
 
 @checked

@@ -1,6 +1,6 @@
 """Properties that any contact law can have: lever arms, memory of forces, rolling, twisting, restitution.
 
-Where the parameter of dashpots is a coefficient of restitution, a contact with F_n = k δ^p and
+Where dashpots are given by a coefficient of restitution, a contact with F_n = k δ^p and
 c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator in δ^{(p+1)/2}. The restitution of a head-on collision then
 depends neither on size nor on speed, only on D = α/√(2(p + 1)).
 """
@@ -37,8 +37,8 @@ from .kinds import USER_LAWS, Kind, own_memory
 
 ARMS = {"radius": 0, "overlap": LEVER}
 MEMORIES = {"slip": 0, "force": KEEPS_FORCE}
-# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap; and with
-# twisting the twist; 1 if it was at its cap
+# columns of `Contacts.rolling`: ψ; angle_i − angle_j at its commit; 1 if ψ was at its cap; with twisting, also the
+# twist, and 1 if it was at its cap
 COLUMNS, TWISTED = 7, 2
 TWISTINGS = "spring", "marshall"
 MODELS = {"constant": ("mu_roll", "gamma_roll"), "viscous": ("gamma_roll",), "spring": ("k_roll", "mu_roll")}
@@ -55,7 +55,7 @@ def with_lever(law: Law, arm: Annotated[str, one_of(*ARMS)]) -> Law:
     Parameters
     ----------
     arm : "radius" (a_i = R_i, as in the papers and in LAMMPS `gran/hooke/history`) or "overlap" (a_i = R_i − δ/2 of
-        grains on grains, R_i at walls). LAMMPS `pair_style granular` uses R_i − δ/2 for torques but R_i for the slip,
+        grains at grains, R_i at walls). LAMMPS `pair_style granular` uses R_i − δ/2 for torques but R_i for the slip,
         and so does a run with `slip_update="rate"`
 
     Source
@@ -155,8 +155,8 @@ def with_twisting(
 ) -> Law:  # fmt: skip
     """Law with a moment along the normal that resists twisting.
 
-    The twist τ is the relative rotation about the normal since the contact closed, ω_n its rate; P as in
-    `with_rolling`, a the contact radius, and c_t the tangential dashpot:
+    The twist τ is the relative rotation about the normal since the contact closed, and ω_n is its rate; P is as in
+    `with_rolling`, a is the contact radius, and c_t is the tangential dashpot constant:
 
         spring    M = −k τ − γ ω_n, |k τ| and |M| ≤ μ_t P
         marshall  M = −½ k_t a² τ − ½ c_t a² ω_n, |½ k_t a² τ| and |M| ≤ ⅔ a μ P
@@ -235,7 +235,7 @@ _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 
 @checked
 def dashpot_coefficients(law: Law) -> np.ndarray:
-    """Coefficients that factors of the damping model convert to c_n and c_t, (materials, materials, 2).
+    """Coefficients that the factors of the damping model convert to c_n and c_t, (materials, materials, 2).
 
     With coeff_restitution these are α = √5 D of Hertzian contacts and 2 D of linear ones. If the contact may attract
     as it opens, ln e = −π D/√(1 − D²). With `tension=False` it opens where F_n = 0, and ln e is
