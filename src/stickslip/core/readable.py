@@ -1,4 +1,4 @@
-"""Short `repr` and HTML tables of values for readers: quantities with their meaning and unit, not arrays and types."""
+"""Short `repr` and HTML tables for readers: they show quantities with meaning and unit, not arrays and types."""
 
 import html
 import re
@@ -113,7 +113,7 @@ def words(name: str) -> str:
 
 
 def unit_in_signs(unit: str) -> str:
-    """A unit in brackets, as printed; empty for a plain number.
+    """Unit in brackets, as printed; empty for a dimensionless number.
 
     Examples
     --------

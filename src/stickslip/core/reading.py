@@ -31,9 +31,9 @@ def read_bytes(path: str | Path, *, remedy: str, size: int = -1) -> bytes:
     Raises
     ------
     ValueError
-        If it is a device or a pipe, or larger than 8 GiB.
+        If the file is a device or a pipe, or larger than 8 GiB.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     check_regular_file(path, remedy)
     with open(path, "rb") as file:
@@ -84,7 +84,7 @@ def _array_of(content: bytes) -> np.ndarray:
 
 
 class Budget:
-    """Memory that the content of a file may still take [bytes]: at first 64 MiB or, if more, 100 times its size."""
+    """Memory that the content of a file may still take [bytes]: at first 100 times the file size, at least 64 MiB."""
 
     def __init__(self, path: str | Path, stored: int, *, remedy: str, error: Callable[[str], Exception] = ValueError):
         self.path, self.stored, self.remedy, self.error = path, stored, remedy, error
@@ -109,7 +109,7 @@ class Budget:
 
 
 class Reader:
-    """Position in a byte string, which only moves forwards; raises ValueError, with a short message, at the end."""
+    """Reader that only moves forwards in a byte string; raises ValueError, with a short message, at its end."""
 
     def __init__(self, content: bytes, at: int = 0):
         self.content, self.at = content, 0
@@ -181,7 +181,7 @@ def check_matlab(content: bytes, budget: Budget) -> None:
 
 
 def _element(reader: Reader, order: str) -> tuple[int, bytes]:
-    """Type and data of the next element; short ones have both in one word."""
+    """Type and data of the next element; a short element stores both in eight bytes."""
     word = reader.number(f"{order}I")
     if word >> 16:
         size, kind = word >> 16, word & 0xFFFF

@@ -25,7 +25,7 @@ class Scales(NamedTuple):
 
 
 def natural_scales(state: State, law: Law, length: float | None = None) -> Scales:
-    """Natural units of a packing; under a change of units, they transform as any quantity of their dimension.
+    """Natural units of a packing; under a change of units, they transform like any quantity of their dimension.
 
     Another length may be given. The force is that of the stiffest pair of materials. A user-defined law is extrapolated
     linearly from an overlap of a tenth of the length.

@@ -162,7 +162,7 @@ class Bonds(NamedTuple):
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
     form: np.ndarray  # (K,) int8: combination of strengths, see `bond_shares`
     fading: np.ndarray  # (K,) int8: p, loads are multiplied by 1 − (load/strength)^p, or 0: unchanged until failure
-    failed: np.ndarray  # (K,) int8: load that broke it (see `FAILURES`); 0 if intact or unknown
+    failed: np.ndarray  # (K,) int8: load that broke the bond (see `FAILURES`); 0 if intact or unknown
 
     def check_entries(self) -> None:
         """Raise ValueError if an entry is not allowed (see `fields`)."""
@@ -286,7 +286,7 @@ def spheres(
 def flat_walls(
     point: Numbers = (), normal: Numbers = (), *, mass: Numbers = 1.0, material: Numbers = 0, velocity: Numbers = 0.0
 ) -> Walls:
-    """Flat walls through `point` with `normal` (any nonzero length) towards the grains."""
+    """Flat walls through `point`, with a `normal` of any nonzero length that points towards the grains."""
     point, normal = as_numbers(point), as_numbers(normal)
     point, normal = (np.atleast_2d(a) if a.size else np.zeros((0, 3)) for a in (point, normal))
     n = max(len(point), len(normal))
@@ -332,7 +332,7 @@ def box(
 
 
 def empty_contacts(n_bodies: int, capacity: int, skin: float, bare=False, keyed=True) -> Contacts:
-    """Empty list with room for `capacity` pairs; the first evaluation of forces fills it.
+    """Empty contact list with room for `capacity` pairs; the first evaluation of forces fills it.
 
     `bare` omits `pair` and `roll`, which a run of many grains writes only at the end. `keyed=False` omits `key`.
     """
@@ -444,7 +444,7 @@ def assembly(
     skin: float | None = None,
     time: float = 0.0,
 ) -> State:
-    """Validated state. The list of contacts is built at the first evaluation of forces.
+    """State made of these parts, after validation. Its contact list is built at the first evaluation of forces.
 
     Without a cell, the grains are in open space: a plane for disks (z = 0, I = m R²/2), otherwise three dimensions.
 
@@ -511,7 +511,7 @@ def _check_space(state: State) -> None:
 
 
 def _check_bonds(bonds: Bonds | None) -> None:
-    """Raise ValueError if bonds are not as `packings.bonded` makes them, so that forces would be wrong."""
+    """Raise ValueError if bonds are not as `packings.bonded` makes them, because their forces would be wrong."""
     if bonds is None or not len(bonds.i):
         return
     units = np.linalg.norm(bonds.turn, axis=1), np.linalg.norm(bonds.direction, axis=1)

@@ -1,4 +1,4 @@
-"""Tables in CSV files: lines of comments after #, one row of headings such as `time [s]`, rows of numbers and words."""
+"""Tables in CSV files: comment lines after #, a row of headings such as `time [s]`, and rows of numbers and words."""
 
 import csv
 import io

@@ -51,7 +51,7 @@ def decode_text(content: bytes, path: str | Path, *, remedy: str, fallback: str 
 
 
 def has_wide_letters(content: bytes) -> bool:
-    """Return True if characters take two or four bytes, judging by a byte order mark or by zeros in between."""
+    """Return True if characters take two or four bytes, judging by a byte order mark or by zero bytes in between."""
     halves = [set(content[:_SAMPLE_BYTES][k::2]) == {0} for k in (0, 1)]
     return content.startswith(_MARKS) or halves[0] != halves[1]
 
@@ -75,7 +75,7 @@ class SentenceError(ValueError):
 
 
 def bounded(sentence: str) -> str:
-    """Shorten a message by parts of quoted values; its beginning, and its end with the remedy, are kept."""
+    """Shorten a message: first its long words, then its middle; its end, which contains the remedy, is kept."""
     sentence = printable(sentence)
     if len(sentence) <= LONGEST:
         return sentence
