@@ -24,10 +24,10 @@ from .packing import DENSEST, balance, check_radii, frictionless, packing_info, 
 LOOSE = {2: 0.72, 3: 0.50}  # packing fractions at the start, below those of random loose packings
 DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, over the smallest radius
 RESOLVED = 1e3  # smallest force of such a contact over the tolerance
-SHARE = 0.15  # time step over the largest stable one of such a contact
+SHARE = 0.15  # time step over the largest stable one for such a contact
 AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over the force of such a contact
-PATIENCE = 50  # reports at the last of these forces, after which it is tried anyway: loose grains come to rest slowly
-CRITICAL = 4.0  # drag of grains and cell times the time scale
+PATIENCE = 50  # reports at the last of these forces after which it is tried anyway: loose grains come to rest slowly
+CRITICAL = 4.0  # drag of grains and cell, times the time scale
 BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and most steps between them
 STEPS = 20_000_000  # largest number of time steps of a compression
 NARROWEST = 2  # smallest width of the loose cell over the largest diameter
@@ -43,7 +43,7 @@ class Scales(NamedTuple):
 
     force: float  # F [force]
     time: float  # √(m d/F), time in which the pressure moves a grain by its diameter [time]
-    stiffness: float  # k d/F, the stiffness of the contact over that of the pressure
+    stiffness: float  # k d/F, the stiffness k of the contact in units of F/d
     dt: float  # time step [time]
 
 
@@ -124,7 +124,7 @@ def compressed(
 def check_pressure(
     law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int, name: str = "pressure"
 ) -> None:  # fmt: skip
-    """Raise ValueError if grains under a law cannot carry a pressure; `name` is its key."""
+    """Raise ValueError if grains under a law cannot carry a pressure; `name` is its key in the message."""
     position = np.zeros((len(radius), dim))
     position[:, 0] = np.cumsum(2 * radius)
     start = assembly((disks if dim == 2 else spheres)(position, radius, mass=mass), cell=box(dim=dim))

@@ -28,7 +28,7 @@ NORMALS = 90  # number of band normals over half a circle, before the smallest v
 
 @readable
 class Envelope(NamedTuple):
-    """Responses to probes of M directions cos(angle) e₁ + sin(angle) e₂ in a plane of symmetric tensors.
+    """Responses to probes in M directions cos(angle) e₁ + sin(angle) e₂ in a plane of symmetric tensors.
 
     Strain and stress are increments, compression positive, per unit strain (or stress, if that was imposed). They are
     NaN where no equilibrium was found near the state.
@@ -99,8 +99,8 @@ def response_envelope(
     Raises
     ------
     ValueError
-        If the packing is not in equilibrium, has walls, groups or open sides, or only
-        rattlers, or if the probes would be lost in the round-off of positions.
+        If the packing is not in equilibrium, has walls, rigid groups or open sides, or consists of rattlers only, or
+        if the probes would be lost in the round-off of positions.
 
     Source
     ------
@@ -252,7 +252,7 @@ class Localisation(NamedTuple):
     """Plane with the lowest resistance to a shear band: smallest determinant of the acoustic tensor n·C·n."""
 
     normal: np.ndarray  # (dim,) normal of the plane
-    determinant: float  # of the acoustic tensor, over that of the isotropic tensor nearest to the moduli [1]
+    determinant: float  # that of the acoustic tensor over that of the isotropic tensor nearest to the moduli [1]
 
 
 @checked

@@ -26,7 +26,7 @@ PROBE, TRIED = (
     10,
 )  # fraction of a strain step for extrapolating forces, and number of contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, examined for a contact change
-NEAREST, ALMOST = 5, 0.99  # number of the most mobilised sticking contacts also tried, if mobilised above this
+NEAREST, ALMOST = 5, 0.99  # number of most mobilised sticking contacts also tried, and least mobilisation
 RUN, SAMPLE = 20_000, 5  # number of steps of a run that measures a growth rate, and of steps between its samples
 LOW, HIGH = 0.01, 0.5  # kinetic energies between which the growth rate is measured, over the largest one
 
@@ -125,7 +125,7 @@ class Profile(NamedTuple):
 
 
 def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
-    """Describe an event, without the result of Newton's method alone."""
+    """Describe an event, except for its `newton_distance`, which is NaN."""
     judge, before, after = event.before.judge, event.before, event.after
     # spectra at distances step · 8^(−k) down to a few widths of the finer bracket
     width, rows = event.upper - event.last.strain, []
@@ -174,7 +174,7 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
 
 
 def _weakest(point: Point) -> tuple[int, int]:
-    """Grains of the bond with the largest load over strength."""
+    """Grains of the bond with the largest ratio of load to strength."""
     bonds, first = point.state.bonds, int(bond_shares(point.state).argmax())
     return int(bonds.i[first]), int(bonds.j[first])
 
@@ -209,8 +209,8 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
 
     The error has two parts: the strain of the event is only known to lie within a bracket, and corrections of higher
     order are neglected. The latter are estimated by the first correction, or by the change without the nearest value if
-    that is larger. Where d = A λ² + B λ³, as where a contact with the stiffness √overlap is about to open, p is between
-    1/3 and 1/2 until A λ² dominates.
+    that is larger. If the distance is A λ² + B λ³, as when a contact whose stiffness is proportional to √overlap is
+    about to open, p is between 1/3 and 1/2 until A λ² dominates.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
     Returns
     -------
     float, float
-        both NaN if there are fewer than three values, or if these are not positive or do not fall
+        both NaN if there are fewer than three values, or if these are not positive or do not decrease
 
     Examples
     --------
@@ -270,7 +270,7 @@ def vanishes(power: float, error: float) -> bool:
 def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray] | None:
     """Contact that slides or opens within the bracket and thereby makes the last stable state unstable.
 
-    Contacts that reach the Coulomb limit, or open, follow from the linear motion ahead. In this switch test, the
+    Contacts that reach the Coulomb limit or open are predicted from the linear motion ahead. In this switch test, the
     trigger is the first one whose sliding or opening gives the Jacobian of the last stable state a growing mode.
 
     Returns
@@ -313,7 +313,7 @@ def _upcoming(last: Point, upper: float):
 def loss_ahead(point: Point, strain: float) -> float:
     """Strain at which the linear motion ahead loses a contact and the state becomes unstable; ∞ if there is none.
 
-    A contact is lost where it reaches the Coulomb limit or opens. Forces and distances to the limit are extrapolated
+    A contact is lost when it reaches the Coulomb limit or opens. Forces and distances to the limit are extrapolated
     from their change over a small part of `strain`. Contacts are tried one by one in the order of their loss.
 
     The law is evaluated at rest, as in quasi-static loading. In tests, sliding started at most a twentieth of a strain
@@ -352,7 +352,7 @@ def _coordinates(response, strain: float) -> np.ndarray:
 def motion_growth(point: Point, strain: float, judge: Judge) -> float:
     """Growth rate of the motion that follows a strain step, from its kinetic energy K(t) ~ exp(2 g t) [1/time].
 
-    It is a mean over the last rise of K from 1 % to 50 % of its maximum.
+    The rate is averaged over the last rise of K from 1 % to 50 % of its maximum.
     """
     start = without_failure(point.strained_to(strain))
     dt = TIME_STEP * stable_time_step(start, judge.law)

@@ -30,10 +30,10 @@ from ..solve.newton import Factorisation, newton
 from ..solve.shear_response import PRUNE, Response, damped_exponents, root_mean_square, support
 from .settling import SIMPLE, Deformation
 
-BEND = 0.05  # largest distance of a motion from those predicted at its ends, over the larger, on a continuous path
-JUMP = 10.0  # motion over its prediction in a bracket, above which it is a jump
-TINY = 1e-4  # overlap that replaces the mean in a cemented packing without overlaps, over the mean diameter
-UNLOADED = 1e-3  # force that replaces the mean in a cemented packing at rest, over the natural one
+BEND = 0.05  # largest deviation of a continuous motion from the predictions at its ends, over the larger prediction
+JUMP = 10.0  # ratio of the motion in a bracket to its prediction, above which it is a jump
+TINY = 1e-4  # overlap that replaces the mean one in a cemented packing without overlaps, over the mean diameter
+UNLOADED = 1e-3  # force that replaces the mean one in a cemented packing at rest, over the natural one
 STILL = 1e-7  # displacement below which there was no jump, in mean overlaps
 BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
 ITERATIONS, PATIENCE = 30, 3  # largest number of Newton steps, and of those that leave more than half of the residual
@@ -63,7 +63,7 @@ class Judge:
         self.keep = Factorisation()
 
     def newton(self, state: State, *, thorough: bool = False) -> State | None:
-        """State at rest from Newton's method, or None; by default it gives up early and starts with an old matrix."""
+        """State at rest from Newton's method, or None; by default this gives up early and starts with an old matrix."""
         end, outcome = newton(
             state, self.law, tolerance=BALANCED * self.force, iterations=ITERATIONS,
             patience=None if thorough else PATIENCE, keep=Factorisation() if thorough else self.keep,
@@ -81,8 +81,8 @@ class Judge:
     def rest(self, state: State, steps: int = MOST_STEPS) -> tuple[State, bool]:
         """Final state of damped dynamics, and whether it came to rest; Newton's method only removes residuals.
 
-        Until then, bonds do not break unless they fade. Bonds at their strength then break one by one, in the order of
-        load over strength, with dynamics after each.
+        Until then, bonds do not break unless they fade. Bonds at their strength then break one by one, first the one
+        with the largest load over strength, and dynamics follows each break.
         """
         end, rested = self._rest(state, steps)
         while rested and (weaker := with_weakest_broken(end)) is not end:
@@ -118,7 +118,7 @@ class Point:
 
     @cached_property
     def response(self) -> Response:
-        """Linear response."""
+        """Linear response of the equilibrium."""
         judge = self.judge
         return Response(self.state, judge.law, judge.prune, slip=judge.slip, gradient=judge.way.gradient)
 
@@ -158,7 +158,7 @@ class Point:
 
     @property
     def stress(self) -> tuple[float, float]:
-        """Stress that does work on the strain, −σ_xy in simple shear, and the pressure [force/length^(dim−1)]."""
+        """Stress conjugate to the strain, −σ_xy in simple shear, and the pressure [force/length^(dim−1)]."""
         force, branch, dim = contact_forces(self.state, self.judge.law), self.response.branch, self.state.cell.dim
         sigma = np.einsum("ca,cb->ab", force, branch) / volume(self.state)
         return -float((sigma * self.judge.way.gradient).sum()), float(np.trace(sigma)) / dim
@@ -273,7 +273,7 @@ def depart(point: Point) -> tuple[Point | None, bool]:
     Point or None
         point where dynamics comes to rest elsewhere; None if it returns, or oscillates endlessly about the equilibrium
     bool
-        whether it came to rest
+        whether dynamics came to rest
     """
     start, grains = point.with_kick(), point.response.support.grains
     time = E_FOLDS / point.exponents.max() + DECAYS / point.judge.drag
@@ -311,11 +311,11 @@ def settle(point: Point) -> Point:
     return point
 
 
-COUPLED = 0.5  # overlap of the modes of two real eigenvalues above which these are followed
+COUPLED = 0.5  # overlap of the modes of two real eigenvalues above which the two are followed
 SAME = 0.05  # largest relative change of their mean from one step to the next
 WINDOWS = (3, 4, 5, 6)  # numbers of steps from which the strain of an event is extrapolated
 FAR = 6.0  # number of strain steps beyond which no forecast is made
-LEVEL = 0.8  # level of the intervals
+LEVEL = 0.8  # confidence level of the intervals
 SADDLE, PAIR, CONTACT = "softest eigenvalue", "gap of two real eigenvalues", "motion of contacts ahead"
 # Quantiles of ln(strain left / extrapolated strain left) where the event occurred. Widened by the scatter of the
 # windows, the intervals contain LEVEL of the events in packings that `python -m benchmarks forecast` does not use; for
@@ -358,7 +358,7 @@ class Forecast(NamedTuple):
         )
 
     def signed(self, sign: int) -> "Forecast":
-        """Forecast in the strain of the path, which falls if the sign is −1."""
+        """Forecast in the strain of the path, which decreases if the sign is −1."""
         return self._replace(**{name: sign * getattr(self, name) for name in ("made", "strain", "low", "high")})
 
 
@@ -426,7 +426,7 @@ def _to_loss(signs: Signs) -> list[float]:
 
 
 def _to_pair(signs: Signs) -> list[float]:
-    """Strains to the zero of the squared gap of two coupled real eigenvalues, for those that meet first."""
+    """Strains to the zero of the squared gap of two coupled real eigenvalues, for the two that meet first."""
     best: list[float] = []
     for mean, *_ in signs.couples[-1]:
         strain, square = _history(signs, mean)

@@ -21,22 +21,22 @@ from ..data.exchange.force_network import MeasuredForces, read_forces, unit_bran
 from ..data.sample import PackingError, from_arrays, law_note, naming, with_one_account
 from ..solve.inversion import nearest_point, overlap_of_force, slip_of_force
 
-STEPS, SETTLED = 100, 1e-8  # most linearisations, and largest change in the last one over the errors
-# after a step longer than this fraction of the previous one, steps are halved (down to a quarter) if it turned back,
-# and doubled (up to four times) if it went on
+STEPS, SETTLED = 100, 1e-8  # largest number of linearisations, and largest change in the last one, in errors
+# after a step longer than this fraction of the previous one, steps are halved (down to a quarter) if its direction was
+# reversed, and doubled (up to four times) if it was kept
 FALLS, SHORTEST, LONGEST = 0.7, 1 / 4, 4.0
 LEAST_ERROR = 1e-5  # smallest estimated error over the mean radius or force
-FAR, NEAR = 5.0, 8.0  # errors beyond which a measurement is impossible, and within which grains may touch
+FAR, NEAR = 5.0, 8.0  # number of errors beyond which a measurement is impossible, and within which grains may touch
 OPENS, APART = 1e-6, 1e-9  # force of an open contact over the mean force, and its gap over the mean radius
-WEAK = 1e-2  # force over the mean force below which dδ/dF_n is that of this force, so that steps do not cycle
+WEAK = 1e-2  # force over the mean force below which dδ/dF_n is that at this force, so that steps do not cycle
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit at which a contact slides
 FACETS = 8  # number of facets of the Coulomb cone between spheres
-BLUNT = 1e-3  # tangential force over its error below which the curvature of the cone is that of this force
+BLUNT = 1e-3  # tangential force over its error below which the curvature of the cone is that at this force
 
 
 @readable
 class Adjustment(NamedTuple):
-    """Changes of measured positions and forces that make the forces balance, in errors of measurement."""
+    """Changes of measured positions and forces that make the forces balance, in units of the errors."""
 
     chi_square: float  # Σ (change/error)² over all coordinates and forces
     degrees: int  # degrees of freedom: equations and active limits
@@ -178,7 +178,7 @@ class _Network(NamedTuple):
         return m.position + position.reshape(-1, m.dim), m.force_n + force_n, before + force_t.reshape(-1, m.dim - 1)
 
     def solve(self) -> tuple[np.ndarray, int]:
-        """(D (N + C),) smallest balancing change, and the number of equations and active inequalities."""
+        """(D (N + C),) smallest change that balances forces, and the number of equations and active inequalities."""
         change, share, size, bent, step = self.start, 1.0, np.inf, None, np.zeros(len(self.start))
         for _ in range(STEPS):
             nearest = nearest_point(*self.linearise(change), bent, change)
@@ -233,7 +233,7 @@ class _Network(NamedTuple):
         return a, a @ change - np.concatenate(values[:3]), g, g @ change - np.concatenate(values[3:])
 
     def bearing(self, change: np.ndarray) -> np.ndarray:
-        """(D (N + C),) mask; False for tangential forces of contacts about to open: their directions do not converge"""
+        """(D (N + C),) mask; False for tangential forces of contacts about to open, whose directions do not converge"""
         m = self.measured
         bears = self.at(change)[1] > 2 * self.least
         return np.concatenate([np.ones(m.position.size + len(bears), bool), np.repeat(bears, m.dim - 1)])
@@ -241,7 +241,7 @@ class _Network(NamedTuple):
     def curvature(self, change: np.ndarray, pushes: np.ndarray):
         """Second derivative of the limits of tangential forces times their multipliers, needed for convergence.
 
-        That of |t| is (1 − t̂ ⊗ t̂)/|t|.
+        The second derivative of |t| is (1 − t̂ ⊗ t̂)/|t|.
         """
         m, force_t = self.measured, self.at(change)[2]
         count, size = len(force_t), np.maximum(np.linalg.norm(force_t, axis=1), BLUNT * m.force_t_error)
@@ -337,7 +337,7 @@ class _Directions(NamedTuple):
 
     @classmethod
     def of(cls, m: MeasuredForces, place: np.ndarray) -> "_Directions":
-        """Directions after grains moved: vectors across turn with the normals, by the shortest way."""
+        """Directions after grains moved: the vectors `across` turn with the normals, by the smallest angle."""
         branch = place[m.pair_i] - place[m.pair_j]
         distance = np.linalg.norm(branch, axis=1)
         normal = branch / distance[:, None]

@@ -129,8 +129,8 @@ class Protocol(NamedTuple):
     def step(self, state: State, load: float) -> Equilibrium:
         """Apply one increment of the load, to a given value, and find the equilibrium.
 
-        A load that is a property of the state, such as the strain of `aqs`, is that of the cell unless `starting` moves
-        its origin.
+        A load that is a property of the state, such as the strain of `aqs`, counts from the origin that `starting` has
+        chosen; by default, it is the strain of the cell.
         """
         end, outcome = self.settle(self.apply(state, load), load)
         point = Equilibrium(float(load), end, spectrum(end, self.law, modes=self.modes), outcome)
@@ -362,7 +362,7 @@ def free_run(
     drag: float = 0.0,
     spin_drag: float | None = None,
 ):
-    """Run Newtonian dynamics, recording contact events, and all grains at intervals of `sample` [time]."""
+    """Run Newtonian dynamics and record contact events and, at intervals of `sample` [time], all grains."""
     probes = np.arange(len(state.grains.radius))
     return run(
         state,
@@ -483,7 +483,7 @@ def release(
     ----------
     least, duration, dt : default: 5e4, 6e5 and 0.1 of the natural unit of time (see `relax`) [time]
     seed, velocity : seed and standard deviation of the initial random velocities in all resisted modes, by default
-    1e-13 smallest diameters per natural unit of time [length/time]
+        1e-13 smallest diameters per natural unit of time [length/time]
     report : called as report(stage, share done, text)
 
     Raises

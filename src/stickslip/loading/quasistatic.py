@@ -1,4 +1,4 @@
-"""Quasi-static steps: athermal shear, with a check of the path, shear under a stress or by a plate, and inflation."""
+"""Quasi-static steps: athermal shear with a check of the path, shear under a stress or by a plate, and inflation."""
 
 import warnings
 from collections.abc import Callable
@@ -53,12 +53,12 @@ def aqs(
     tolerance : float, largest unbalanced force or torque/R [force]; default: as in `equilibrate`
     modes : whether spectra along the path contain modes
     on_instability : action after a step to an unstable equilibrium or another branch. "tell": the outcome of the step
-    has `unstable` or `left` set and contains a warning; the first warning on a path that does not concern only complex
-    pairs (which are in the spectra of the path) is also issued as an UnstableEquilibriumWarning. "follow-dynamics": if
-    this equilibrium is unstable under the drag or on another branch, the step ends where damped dynamics from the
-    previous state leads, also with a warning. "stop": a LeftPathError is raised
+        has `unstable` or `left` set and contains a warning; the first warning on a path that concerns more than complex
+        pairs (which are in the spectra of the path) is also issued as an UnstableEquilibriumWarning. "follow-dynamics":
+        if this equilibrium is unstable under the drag or on another branch, the step ends where damped dynamics from
+        the previous state leads, also with a warning. "stop": a LeftPathError is raised
     drag : drag of the dynamics, on translations and rotations; required for "follow-dynamics", because it determines
-    the oscillations that grow. If given, only pairs that grow despite the drag count as unstable [1/time]
+        the oscillations that grow. If given, only pairs that grow despite the drag count as unstable [1/time]
     mode : "simple" shear along x with the gradient along y; "pure" shear, γ = ln(Lx/Ly); "isotropic" compression,
         ε = −ln V; "uniaxial" compression along y, ε = −ln Ly
     sign : −1 reverses the strain: a growing load shears in the opposite direction, or unloads
@@ -169,7 +169,7 @@ class Watch:
 
 
 class Instability(NamedTuple):
-    """Growing modes of an equilibrium, and their assumptions."""
+    """Growing modes of an equilibrium, and the assumptions made."""
 
     negative: int  # directions of negative stiffness
     pairs: int  # complex pairs
@@ -323,9 +323,9 @@ def inflate(
 ) -> Inflation:  # fmt: skip
     """Inflate a grain in quasi-static steps, each of which ends with `equilibrate` and commits the contact memory.
 
-    Growth is measured from the radii of the state. Contacts may open, close and slide; `changes` of the result counts
-    these changes, except at initial rattlers. At small growth the displacements are those of `modes.inflate`. Masses do
-    not change.
+    Growth is measured from the radii of the state. Contacts may open, close and slide; the field `changes` of the
+    result counts these changes, except at initial rattlers. At small growth, the displacements are those of
+    `modes.inflate`. Masses do not change.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def inflate(
     Raises
     ------
     ValueError
-        As in `modes.inflate`, except for contacts that change.
+        As in `modes.inflate`, except that contacts may change.
     NotInEquilibriumError
         If a step has no equilibrium.
 
@@ -364,7 +364,7 @@ def inflate(
 
 
 def _steps(here: LinearisedState, grown: np.ndarray, growths: np.ndarray, tolerance) -> tuple[State, list]:
-    """State at the end of steps; numbers of contacts that opened, closed, began and stopped sliding in each step."""
+    """State after all steps; for each step, numbers of contacts that opened, closed, started and stopped sliding."""
     state, radius, keep, changes = here.state, here.state.grains.radius, Factorisation(), []
     before = _modes(here, state)
     for growth in growths:

@@ -48,7 +48,7 @@ def settle(
     """Equilibrium after a step of the load: by Newton's method or, where grains rearrange, by damped dynamics first.
 
     The drag is that of `compressed`, on the time scale on which the pressure moves a grain. Where Newton's method
-    stalls, this is much faster than drag on the time scale of a contact, as in `equilibrate`. Bonds break as in
+    stalls, this is much faster than the drag of `equilibrate`, on the time scale of a contact. Bonds break as in
     `equilibrate`.
 
     Parameters
@@ -83,7 +83,7 @@ def strain_step(
     state: State, law: Law, scales: Scales, gradient: np.ndarray, *, tolerance: float, keep: Factorisation,
     account: PathLedger,
 ) -> tuple[State, Outcome]:  # fmt: skip
-    """Equilibrium after a small step of the strain of the cell, whose energies are posted to an account.
+    """Equilibrium after a small step of the strain of the cell, whose energies are added to a ledger.
 
     If Newton's method stalls, or ends on another branch so that energies do not balance, dynamics strains the cell at a
     constant rate within a few time scales. Grains rearrange under stress, and the sample is then brought to rest.
@@ -230,13 +230,13 @@ MODES = {
 class Deformation(NamedTuple):
     """Homogeneous deformation of a cell by one strain: x → exp(G ε) x.
 
-    The stress that does work on it is −σ:G, with the stress σ positive in compression: −σ_xy in simple shear,
+    The stress conjugate to the strain is −σ:G, with the stress σ positive in compression: −σ_xy in simple shear,
     (σ_yy − σ_xx)/2 in pure shear, the pressure in isotropic and σ_yy in uniaxial compression.
     """
 
     mode: Mode
     gradient: np.ndarray  # (3, 3) G, displacement gradient for a small unit strain
-    sign: int  # −1 if the strain falls along the path
+    sign: int  # −1 if the strain decreases along the path
 
     def finite(self, strain: float) -> np.ndarray:
         """(3, 3) exp(G ε) − 1; G is nilpotent or diagonal."""
