@@ -4,7 +4,7 @@ Packings and states
     State, Grains, Walls, Cell, Contacts, Control   parts of a state
     assembly, box, disks, spheres, flat_walls       build a state by hand
     OPEN, STICK, SLIDE      mode of each contact
-    packings    make packings, build them from arrays, prepare them for a test
+    packings    make packings, build them from arrays, and prepare them for a test
     laws        contact laws: built-in, combined or user-defined
     control     boundary conditions: fixed, driven, force-controlled bodies; springs; cells
 
@@ -21,7 +21,7 @@ Forces, equilibrium, dynamics
 Stability
     stability   stability of a packing: complex pairs, growth rates, floppy modes
     spectrum    all eigenvalues and modes of -M^-1 J
-    jacobian, freedom       the matrix and its coordinates
+    jacobian, freedom       the matrix J and its coordinates
     modes       pairs of large packings, moduli, transient growth, sensitivity
     quasirigid  contact status, load paths, mechanisms
 

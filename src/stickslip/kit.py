@@ -17,7 +17,7 @@ Scenarios
     Positive, NotNegative, Finite, Listed, Several, Sized, Loads, Duration, Seed, Ranks     kinds of values
     LawTable, PackingLaw, allow_laws, make_law, Packing, make_packing       tables of laws and of packings
     Size, require_sizes         limits of memory, before anything is allocated
-    LIMITS, STATE               largest sizes, memory of a saved state for each grain [bytes]
+    LIMITS, STATE               largest sizes; memory of a saved state per grain [bytes]
     law_references              references of a law
     require_lammps_for_ranks    check of the engine
 
@@ -87,7 +87,7 @@ Terminal and command line
 
 Figures
 
-    style                       module of the following: axes, style and colours
+    style                       module that contains the following: axes, style and colours
     styled, subplots, column_axes, label_axes, legend_above, plot_fast, power_of_ten, WIDTH, PAGE       axes and style
     BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY        colours
     draw_grains_by_speed        grains coloured by speed

@@ -1,4 +1,4 @@
-"""Packings: generate them, build them from arrays, prepare them for tests.
+"""Packings: generate them, build them from arrays, and prepare them for tests.
 
 Generate
     jammed          frictionless jammed packing of disks or spheres in a periodic box
