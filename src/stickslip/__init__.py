@@ -3,7 +3,7 @@
 Packings and states
     State, Grains, Walls, Cell, Contacts, Control   parts of a state
     assembly, box, disks, spheres, flat_walls       build a state by hand
-    OPEN, STICK, SLIDE      mode of each contact
+    OPEN, STICK, SLIDE      modes of a contact
     packings    make packings, build them from arrays, and prepare them for a test
     laws        contact laws: built-in, combined or user-defined
     control     boundary conditions: fixed, driven, force-controlled bodies; springs; cells
@@ -11,7 +11,7 @@ Packings and states
 Forces, equilibrium, dynamics
     Law         a contact law with its parameters
     forces, accept      evaluate contact forces; commit the memory of the contacts
-    FREE, HELD, FROZEN      treatment of this memory by an evaluation
+    FREE, HELD, FROZEN      treatment of this memory in an evaluation of forces
     equilibrate, newton, relax      find an equilibrium
     Outcome, Status, NotInEquilibriumError      outcome of a solver
     run         integrate the equations of motion

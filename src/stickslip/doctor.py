@@ -215,7 +215,7 @@ def pushed_array(law: Law) -> State:
 
 
 def measure_pair(state: State, law: Law) -> dict[str, float]:
-    """The fastest complex pair of the exact Jacobian."""
+    """The fastest-growing complex pair of the exact Jacobian."""
     modes = spectrum(state, law)
     if not len(modes.pairs):
         return {}

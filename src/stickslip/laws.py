@@ -1,4 +1,4 @@
-"""Contact laws: choose one, combine several, write your own.
+"""Contact laws: choose one, combine several, or write your own.
 
 Built-in laws
     hertz_mindlin       F_n = k_n δ^(3/2), as in Charan et al. 2020 and Bonfanti et al. 2020

@@ -46,7 +46,7 @@ class Wing(NamedTuple):
     fault: str = ""  # "module.function": () -> reason why a required external program does not work, or ""
     needs: tuple[str, ...] = ()  # names of the wings that it imports, directly or indirectly
     formats: tuple[FileFormat, ...] = ()
-    pages: tuple[str, ...] = ()  # NAME.md in the wing's documentation, or a page of the laboratory's
+    pages: tuple[str, ...] = ()  # NAME.md in the wing's documentation, or a page of the laboratory
 
     def module(self, name: str = ""):
         """Import a module of the wing, or its package."""

@@ -68,7 +68,7 @@ const char core_stamp[] = {};
 
 
 class BuildError(RuntimeError):
-    """The core cannot be built or used. The message is one sentence with the remedy."""
+    """The core cannot be built or used. The message is one sentence that includes the remedy."""
 
 
 class Compiler(NamedTuple):
@@ -87,7 +87,7 @@ class Compiler(NamedTuple):
         if not self.is_zig:
             return [*self.command, *_apple(), *FLAGS, *_MARCH[level]]
         march = [re.sub("^-march=x86-64-?", "-mcpu=x86_64_", flag).rstrip("_") for flag in _MARCH[level]]
-        own = ["-D_USE_MATH_DEFINES"] if sys.platform == "win32" else []  # M_PI in standard C++
+        own = ["-D_USE_MATH_DEFINES"] if sys.platform == "win32" else []  # defines M_PI
         # without a target, zig compiles for this processor
         return [*self.command, "c++", "-target", _zig_target(), *march, *FLAGS, *own, "-fno-sanitize=undefined", "-g0"]
 
@@ -165,7 +165,7 @@ def _run(command: list) -> subprocess.CompletedProcess:
 
 
 def digest(folder: Path = HERE) -> str:
-    """Digest of the sources in a folder and of the flags."""
+    """Digest of the sources in a folder and of the compiler flags."""
     digested = hashlib.sha256(json.dumps([FLAGS, _MARCH]).encode())
     for path in [*_headers(folder), *sorted(folder.glob("*.cpp"))]:
         digested.update(f"\0{path.name}\0".encode() + path.read_bytes())
@@ -228,7 +228,7 @@ def best_level() -> str:
 
 
 def platform_tag() -> str:
-    """Tag of the platform for a wheel with these libraries."""
+    """Platform tag of a wheel that contains these libraries."""
     if sys.platform == "darwin":
         return f"macosx_{MACOS}_{platform.machine()}".replace(".", "_")
     if stamp(library_path(PROBE, HERE)).get("target", "").endswith(GLIBC):
@@ -251,7 +251,7 @@ def build(
     ----------
     folder : folder of the sources
     out : folder for libraries and objects; by default, that of the sources
-    levels : levels to build; by default, the highest one that this processor runs
+    levels : levels to build; by default, the highest one that this processor can run
     sanitize : sanitizers of the compiler, separated by commas
     force : build even if the libraries are up to date
     verbose : print commands, and the complete messages of the compiler
@@ -322,7 +322,7 @@ class _Making:
         _replace(self.stamp, _STAMP.format(json.dumps(_MARK + json.dumps(made))).encode())
 
     def make(self, names) -> None:
-        """Build the libraries of levels, or the probe, side by side."""
+        """Build the libraries for some levels, or the probe, in parallel."""
         every = sorted(self.folder.glob("*.cpp"), key=lambda path: -path.stat().st_size)
         sources = {name: [self.folder / PROBE_SOURCE] if name == PROBE else every for name in names}
         jobs = [(path, name) for name in reversed(names) for path in [*sources[name], self.stamp]]
@@ -334,7 +334,7 @@ class _Making:
             try:
                 _make(library_path(name, self.out), command, self.objects, self.verbose)
             except BuildError as error:
-                if "undefined" not in str(error):  # an object may be damaged
+                if "undefined" not in str(error):  # an object file may be damaged
                     for path in own:
                         path.unlink(missing_ok=True)
                 raise

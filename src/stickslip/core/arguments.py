@@ -84,7 +84,7 @@ def require_unmasked(name: str, value) -> None:
 
 
 def one_of(*allowed) -> Requirement:
-    """Requirement that a value is one of several, such as the keys of a table; otherwise use `Literal`."""
+    """Requirement that a value is one of those given, such as the keys of a table; for a fixed list, use `Literal`."""
 
     def check(name, value):
         if not any(isinstance(value, type(one)) and value == one for one in allowed):
@@ -221,7 +221,7 @@ _MOST = 16  # largest number of values in *arguments that are checked
 
 @cache
 def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
-    """Index, name and check of the parameters whose annotations can be checked."""
+    """Index, name and check of each parameter whose annotation can be checked."""
     places = []
     for index, parameter in enumerate(inspect.signature(function).parameters.values()):
         if parameter.kind is parameter.VAR_KEYWORD or parameter.annotation is parameter.empty:

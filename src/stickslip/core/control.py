@@ -1,4 +1,4 @@
-"""Loads and motions imposed on bodies and on the cell. Each function returns an extended control."""
+"""Loads and motions imposed on bodies and on the cell. Each function returns an extended copy of a control."""
 
 from typing import Annotated, Any
 

@@ -21,7 +21,7 @@ from .state import OPEN, State, grain_volumes, groups, volume
 
 HELD_FAST = 1 << 20  # number of supports of a body that cannot move: more than any grain needs
 
-ROUND_OFF = 1e-9  # uncertainty of positions over the radius: pairs closer to contact than this may or may not touch
+ROUND_OFF = 1e-9  # uncertainty of positions in radii: pairs closer to contact than this may or may not touch
 
 
 def require_committed(name: str, state: State) -> None:
@@ -170,7 +170,7 @@ def wrapped(state: State) -> np.ndarray:
 
 
 def periodic_box(state: State) -> np.ndarray:
-    """Indices of the periodic image of the cell that contains each grain, (N, 3); zero along other directions."""
+    """Indices of the periodic image of the cell that contains each grain, (N, 3); zero along other axes."""
     cell = state.cell
     used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
     return np.where(cell.periodic, np.floor(state.grains.position @ np.linalg.inv(used)), 0.0).astype(np.int64)
@@ -194,7 +194,7 @@ def fabric(state: Committed) -> np.ndarray:
 def inertial_number(shear_rate: float, pressure: Positive, *, diameter: Positive, density: Positive) -> float:
     """Inertial number I = γ̇ d √(ρ/P). Flows with I < 1e-3 count as quasi-static.
 
-    In two dimensions the density is mass over area.
+    In two dimensions, the density is mass per area.
 
     Source
     ------

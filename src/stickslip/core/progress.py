@@ -28,7 +28,7 @@ LIMITS = {
     "directions": 100_000, "walkers": 10_000, "wave vectors": 100_000,
     "time steps": 1000 * MOST, "bytes": 1 << 36,
 }  # fmt: skip
-STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 766 for packed spheres
+STATE = 800  # bytes of a state per grain; measured: 572 for packed disks, 766 for packed spheres
 
 
 class Size(NamedTuple):

@@ -19,7 +19,7 @@ def readable(kind=None, *, head=None, rows=None, picture=None):
 
     Parameters
     ----------
-    head : function of the value that returns one line, such as its counts. Default: its own `str`, else all fields
+    head : function of the value that returns one line, such as its counts. Default: `str` of the value, else all fields
     rows : function of the value that returns rows of the table: (quantity, value), (quantity, value, unit) or
         (quantity, value, unit, meaning); those whose value is None or "" are left out. Default: all fields, with the
         units and meanings in the comments beside their definitions

@@ -66,7 +66,7 @@ def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = 
         members = {name.removesuffix(".npy"): name for name in packed.namelist()}
         arrays = {}
         for name in members if names is None else names:
-            budget.take(packed.getinfo(members[name]).file_size, name)  # zipfile reads no more
+            budget.take(packed.getinfo(members[name]).file_size, name)  # zipfile reads no more than this
             arrays[name] = _array_of(packed.read(members[name]))
         return arrays
 
@@ -130,7 +130,7 @@ class Reader:
         return np.frombuffer(self.content, dtype, count, self._skip(count * dtype.itemsize))
 
     def number(self, form: str):
-        """The next number, in a form of `struct`."""
+        """The next number, in a format of `struct`."""
         return struct.unpack_from(form, self.content, self._skip(struct.calcsize(form)))[0]
 
     def line(self) -> bytes:
@@ -161,7 +161,7 @@ WIDTHS = {
     16: 1,
     17: 2,
     18: 4,
-}  # bytes of numbers, by type
+}  # bytes per number, by type
 CELL, STRUCT, OBJECT, CHAR, SPARSE, OTHER = 1, 2, 3, 4, 5, 16  # classes of arrays; from OTHER on, functions and others
 TEXT, DEEPEST = (1, 2, 16), 20  # types of elements with names; largest depth of arrays within arrays
 

@@ -13,7 +13,7 @@ from .laws.kinds import Kind
 from .state import State
 
 ROUND_OFF = 1e-8  # fraction of cancelling terms below which their sum is meaningless
-VALIDATED = 0.1  # overlap, over the diameter, up to which user-defined laws are validated
+VALIDATED = 0.1  # overlap, in diameters, up to which user-defined laws are validated
 
 
 class Scales(NamedTuple):

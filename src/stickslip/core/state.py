@@ -15,7 +15,7 @@ from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 FAILURES = "", "tension", "shear", "bending", "twisting", "compression"  # loads that break a bond
-MAX_IN_CUBE = 100  # centres in a cube whose edge is the smallest radius; without overlaps, it contains one at most
+MAX_IN_CUBE = 100  # most centres in a cube whose edge is the smallest radius; without overlaps, it contains at most one
 
 
 @readable(head=lambda value: _describe_grains(value))
@@ -93,7 +93,7 @@ class Contacts(NamedTuple):
     stale: bool  # whether the list is invalid at the present positions, for example after a deformation of the cell
     count: np.ndarray  # (1,)
     rolling: np.ndarray | None = (
-        None  # (C, columns) memory of rotations (7) and additional memory of the law; None without both
+        None  # (C, columns) memory of rotations (7) and additional memory of the law; None if there is neither
     )
 
     def check_entries(self) -> None:
@@ -122,7 +122,7 @@ class Control(NamedTuple):
     gravity: np.ndarray  # (3,) [length/time²]
     group: np.ndarray  # (N + W,) number of the rigid group of each body, −1 for none
     cell_free: np.ndarray  # (3, 3) bool: components of the cell's velocity gradient that follow the stress
-    cell_rate: np.ndarray  # (3, 3) the other components [1/time]
+    cell_rate: np.ndarray  # (3, 3) rates of the other components [1/time]
     stress: np.ndarray  # (3, 3) target where the cell is free, compression positive [force/length^(dim−1)]
     cell_mass: float  # M, inertia of the cell [mass]; 0: the mass of all grains
     knots: np.ndarray  # (K,) [time], increasing
@@ -142,7 +142,7 @@ class Control(NamedTuple):
 class Bonds(NamedTuple):
     """Bonds between grains, one row each, from `packings.bonded`. Four columns: tension, shear, bending, twisting.
 
-    A bond acts in addition to the contact law, also across a gap. Its forces follow from the present positions and
+    A bond acts in addition to the contact law, even across a gap. Its forces follow from the present positions and
     orientations of its two grains and from their rest configuration, stored in its memory. See
     `core/contacts/bonds.py`.
     """
@@ -153,7 +153,7 @@ class Bonds(NamedTuple):
     intact: np.ndarray  # (K,) bool: not broken
     length: np.ndarray  # (K,) length at rest [length]
     arm: np.ndarray  # (K,) fraction of the bond length from j to the point of action of the shear force
-    direction: np.ndarray  # (K, 3) unit vector from j to i at rest, turned with j
+    direction: np.ndarray  # (K, 3) unit vector from j to i at rest, rotated with j
     turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since the rest configuration
     angle_i: np.ndarray  # (K, 3) angle of i to which `direction` and `turn` belong [rad]
     angle_j: np.ndarray  # (K, 3) angle of j to which `direction` and `turn` belong [rad]
@@ -451,8 +451,7 @@ def assembly(
     Raises
     ------
     ValueError
-        If the parts do not fit together or hold invalid values, or if the centre of a
-        grain is behind a wall.
+        If the parts do not fit together or contain invalid values, or if the centre of a grain is behind a wall.
     """
     walls = flat_walls() if walls is None else walls
     cell = box(dim=2 if _are_disks(grains) else 3) if cell is None else cell
@@ -586,7 +585,7 @@ def _check_control(state: State) -> None:
     if moves[~periodic].any() or moves[:, ~periodic].any():
         raise ValueError("a cell deforms only along periodic axes: make this axis periodic, or omit its deformation")
     if len(state.walls.mass) or (control.group >= 0).any():
-        raise ValueError("a cell with walls or rigid groups cannot deform: omit either")
+        raise ValueError("a cell with walls or rigid groups cannot deform: remove them, or omit the deformation")
 
 
 def _describe_grains(grains: Grains) -> str:

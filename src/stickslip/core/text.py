@@ -10,7 +10,7 @@ import numpy as np
 from .reading import read_bytes
 
 LONGEST = 1000  # longest message [characters]
-_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # the mark of UTF-32-LE starts with the first
+_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # that of UTF-32-LE starts with the first
 _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
 # all control characters except tabs and line feeds, and marks that change the direction of writing
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -68,7 +68,7 @@ def parse_integer(word: str) -> int:
 
 
 class SentenceError(ValueError):
-    """Base of errors whose message is one sentence for the user, of at most LONGEST characters."""
+    """Base class of errors whose message is one sentence for the user, of at most LONGEST characters."""
 
     def __init__(self, sentence: str = ""):
         super().__init__(bounded(sentence))

@@ -26,7 +26,7 @@ _PRESSURE = "force/length^(dim-1)"
 
 @cache
 def units_of(kind: type) -> dict[str, str]:
-    """Units of those fields of a NamedTuple that have exactly one: dimensions, or SI units if the class is in SI.
+    """Units of those fields of a NamedTuple that have exactly one: dimensions, or SI units if the class uses SI.
 
     A unit in the first line of the class docstring applies to all fields.
 

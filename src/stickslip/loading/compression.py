@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
+import scipy  # scipy.optimize, whose import takes a tenth of a second, is imported on first use
 
 from ..core.arguments import NotNegative, Numbers, Positive, Seed, Values, checked, require_index, require_positive
 from ..core.contacts.forces import forces
@@ -22,18 +22,18 @@ from ..solve.newton import newton
 from .packing import DENSEST, balance, check_radii, frictionless, packing_info, random_grains
 
 LOOSE = {2: 0.72, 3: 0.50}  # packing fractions at the start, below those of random loose packings
-DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, over the smallest radius
-RESOLVED = 1e3  # smallest force of such a contact over the tolerance
-SHARE = 0.15  # time step over the largest stable one for such a contact
-AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over the force of such a contact
+DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, in smallest radii
+RESOLVED = 1e3  # smallest force of such a contact, in units of the tolerance
+SHARE = 0.15  # time step, in units of the largest stable one for such a contact
+AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, relative to that of such a contact
 PATIENCE = 50  # reports at the last of these forces after which it is tried anyway: loose grains come to rest slowly
 CRITICAL = 4.0  # drag of grains and cell, times the time scale
 BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and most steps between them
 STEPS = 20_000_000  # largest number of time steps of a compression
-NARROWEST = 2  # smallest width of the loose cell over the largest diameter
+NARROWEST = 2  # smallest width of the loose cell, in largest diameters
 LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two are fixed
 BOX_STEPS, BLOCKS = 20_000, 150  # boxes: steps in a block of damped dynamics, and largest number of blocks
-SOFT = 0.01  # largest pressure over kn; beyond it, overlaps are not small
+SOFT = 0.01  # largest pressure, in units of kn; beyond it, overlaps are not small
 FRACTION = 0.86  # boxes: packing fraction of the jammed packing
 LOOSENED = 1.15  # expansion of the jammed packing before the walls compress it
 
@@ -67,7 +67,7 @@ def compressed(
     Drag brings them to rest, and Newton's method balances forces and pressure. Friction acts from the first contact on,
     so the contact number lies between 2 dim without friction and dim + 1 at large friction, depending on μ and p.
     The inertia of the cell and the drag are chosen such that the pressure is approached without oscillation, at
-    inertial numbers near p/k, the pressure over the stiffness of a contact.
+    inertial numbers near p/k, the pressure divided by the stiffness of a contact.
 
     Parameters
     ----------

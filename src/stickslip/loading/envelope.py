@@ -21,9 +21,9 @@ from ..solve.newton import Factorisation
 from .compression import stopped
 
 SIZE = 1e-4  # size of a probe, in mean overlaps per diameter
-BALANCED = 1e-7  # residual over the change of forces in a probe
-ROUND_OFF = 1e-15  # round-off of a position, over the width of the cell
-NORMALS = 90  # number of band normals over half a circle, before the smallest value is refined
+BALANCED = 1e-7  # residual, in units of the change of forces in a probe
+ROUND_OFF = 1e-15  # round-off of a position, in units of the width of the cell
+NORMALS = 90  # number of band normals tried over half a circle, before the smallest value is refined
 
 
 @readable
@@ -49,7 +49,7 @@ class Envelope(NamedTuple):
 
     @property
     def normalised_work(self) -> np.ndarray:
-        """Second-order work over |dσ| |dε|, (M,), from −1 to 1."""
+        """Second-order work divided by |dσ| |dε|, (M,), from −1 to 1."""
         return self.work / (np.linalg.norm(self.stress, axis=(1, 2)) * np.linalg.norm(self.strain, axis=(1, 2)))
 
     @property
@@ -94,7 +94,7 @@ def response_envelope(
     control : "strain" imposes all components of the strain, "stress" all components of the stress
     plane : two symmetric (dim, dim) tensors that span the plane; default: yy and xx for disks, yy and (xx + zz)/√2 for
         spheres, the planes of biaxial and triaxial tests along y
-    size : size of the probes, in mean overlaps over diameters, at most 1
+    size : size of the probes, in units of the mean overlap per diameter, at most 1
 
     Raises
     ------
@@ -170,7 +170,7 @@ def _zero(angle: np.ndarray, work: np.ndarray, k: int) -> float:
 
 
 def _round_off(state: State) -> float:
-    """Round-off of forces over the mean force."""
+    """Round-off of forces, in units of the mean force."""
     return float(ROUND_OFF * np.abs(state.cell.vectors).max() / overlaps(state)[touching(state)].mean())
 
 

@@ -4,7 +4,7 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
+import scipy  # scipy.optimize, whose import takes a tenth of a second, is imported on first use
 
 from ..core.contacts.bonding import bond_shares, broken_since, without_failure
 from ..core.contacts.forces import FREE
@@ -26,9 +26,9 @@ PROBE, TRIED = (
     10,
 )  # fraction of a strain step for extrapolating forces, and number of contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, examined for a contact change
-NEAREST, ALMOST = 5, 0.99  # number of most mobilised sticking contacts also tried, and least mobilisation
+NEAREST, ALMOST = 5, 0.99  # number of most mobilised sticking contacts also tried, and their least mobilisation
 RUN, SAMPLE = 20_000, 5  # number of steps of a run that measures a growth rate, and of steps between its samples
-LOW, HIGH = 0.01, 0.5  # kinetic energies between which the growth rate is measured, over the largest one
+LOW, HIGH = 0.01, 0.5  # kinetic energies between which the growth rate is measured, in units of the largest one
 
 
 class EventKind(Enum):
@@ -62,7 +62,7 @@ class Event(NamedTuple):
     # is negative (unstable); NaN without such a contact [1/time²]
     switched: float  # [1/time²]
     growth_rate: float  # initial growth rate of the instability under the drag [1/time]
-    stress_drop: float  # change of σ_xy over the pressure before the event; positive if −σ_xy falls
+    stress_drop: float  # change of σ_xy divided by the pressure before the event; positive if −σ_xy decreases
     jump: float  # root mean square non-affine displacement, in mean diameters
     participation: float  # participation of the jump, (Σ u²)²/(N Σ u⁴), from 1/N to 1
     opened: int  # contacts that opened
@@ -109,7 +109,7 @@ class Break(NamedTuple):
     upper: float  # upper end of the finer bracket
     before: Point  # last point of the path
     beyond: Point | None  # unstable equilibrium at the upper end, if the branch continues
-    after: Point  # where dynamics ends
+    after: Point  # point at which dynamics ends
     goal: float  # upper end of the bracket
     snaps: bool = False  # whether a bond at its strength starts the interruption
 
@@ -132,7 +132,7 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
     critical, away = event.upper - 0.5 * width, step
     while away >= 4 * width:
         point = _point_at(event, critical - away)
-        if point is not None and (point.stable or not event.last.stable):  # else Newton's method left the path
+        if point is not None and (point.stable or not event.last.stable):  # otherwise, Newton's method left the path
             rows.append((away, *_softness(point)))
         away /= EVENT_RATIO
     profile = Profile(*np.array(rows).reshape(-1, 5).T)
@@ -252,7 +252,7 @@ def _power(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def _classify(event: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
-    """Kind of an event as far as determined by spectra, and the exponent with its error."""
+    """Kind of an event as far as spectra determine it, and the exponent with its error."""
     if not event.last.stable:
         return EventKind.UNSTABLE, (np.nan, np.nan)
     for kind, values in ((EventKind.SADDLE_NODE, profile.softest), (EventKind.PAIR, profile.margin)):

@@ -2,7 +2,7 @@
 
 Forecasts are made from quantities that vanish at the event as a known power of the remaining strain. Near a saddle
 node, the remaining strain is d = A λ² + B λ³ + …, where λ is the smallest real eigenvalue; the second term dominates
-far from it if a contact of stiffness √overlap is about to open. Near the birth of a complex pair, the squared gap
+far from it if a contact with a stiffness ∝ √overlap is about to open. Near the birth of a complex pair, the squared gap
 between two real eigenvalues is linear in the strain. Linear extrapolation predicts when contacts reach the Coulomb
 limit or open.
 """
@@ -32,14 +32,14 @@ from .settling import SIMPLE, Deformation
 
 BEND = 0.05  # largest deviation of a continuous motion from the predictions at its ends, over the larger prediction
 JUMP = 10.0  # ratio of the motion in a bracket to its prediction, above which it is a jump
-TINY = 1e-4  # overlap that replaces the mean one in a cemented packing without overlaps, over the mean diameter
-UNLOADED = 1e-3  # force that replaces the mean one in a cemented packing at rest, over the natural one
+TINY = 1e-4  # overlap that replaces the mean one in a cemented packing without overlaps, in mean diameters
+UNLOADED = 1e-3  # force that replaces the mean one in a cemented packing at rest, in natural units
 STILL = 1e-7  # displacement below which there was no jump, in mean overlaps
-BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
+BALANCED = 5e-11  # largest unbalanced force, in units of the mean normal force
 ITERATIONS, PATIENCE = 30, 3  # largest number of Newton steps, and of those that leave more than half of the residual
-RESTING = (1e-6, 1e-8, 1e-10)  # residuals, over the mean normal force, at which Newton's method follows dynamics
+RESTING = (1e-6, 1e-8, 1e-10)  # residuals, relative to the mean normal force, at which Newton's method follows dynamics
 KICK = 1e-3  # largest displacement along a growing mode at the start of dynamics, in mean overlaps
-LEFT = 10.0  # distance from an unstable equilibrium, over that of the start, at which it counts as left
+LEFT = 10.0  # distance from an unstable equilibrium, in units of the initial one, at which it counts as left
 TIME_STEP = 0.2  # time step of dynamics, in units of the longest stable one
 MOST_STEPS = 500_000  # largest number of steps of dynamics
 # dynamics from an unstable equilibrium: e-foldings of growth, then of decay, and largest number of steps
@@ -81,8 +81,8 @@ class Judge:
     def rest(self, state: State, steps: int = MOST_STEPS) -> tuple[State, bool]:
         """Final state of damped dynamics, and whether it came to rest; Newton's method only removes residuals.
 
-        Until then, bonds do not break unless they fade. Bonds at their strength then break one by one, first the one
-        with the largest load over strength, and dynamics follows each break.
+        Before that, bonds do not break unless they fade. Bonds at their strength then break one by one, first the one
+        with the largest ratio of load to strength, and dynamics follows each break.
         """
         end, rested = self._rest(state, steps)
         while rested and (weaker := with_weakest_broken(end)) is not end:
@@ -233,7 +233,7 @@ def continuous(a: Point, b: Point, bend: float = BEND) -> bool:
     """Return True if grains moved from one point to the next as the linear responses at both ends predict.
 
     If a contact changes in between, the motion lies between the two predictions. The criterion is therefore the
-    distance from the line between them; `bend` is its largest value over the larger prediction.
+    distance from the line between them; `bend` is its largest ratio to the larger prediction.
     """
     both, strain = a.response.support.grains & b.response.support.grains, b.strain - a.strain
     if not both.any():
@@ -336,7 +336,7 @@ class Signs(NamedTuple):
 
 @readable(head=lambda one: str(one))
 class Forecast(NamedTuple):
-    """Forecast of the strain of the next event, or of the next complex pair, with an interval of 80 %.
+    """Forecast of the strain of the next event, or of the next complex pair, with an 80 % interval.
 
     The interval is valid if the event occurs at all: it contained the strains of 80 % of the events that occurred in
     other packings. It is widened by the scatter of extrapolations from several windows of steps. Many predicted events
@@ -345,7 +345,7 @@ class Forecast(NamedTuple):
 
     of: str  # "event" or "pair"
     basis: str  # basis of the forecast
-    made: float  # strain at which it was made
+    made: float  # strain at which the forecast was made
     strain: float
     low: float
     high: float

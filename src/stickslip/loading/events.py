@@ -30,7 +30,7 @@ from .packing import reduced_cell
 from .settling import Deformation, Mode, deformation
 
 SMALLEST = 0.02  # smallest displacement of an event, in mean overlaps
-FINER = 1024  # width of a bracket over that of the finer bracket, from which distances to an event are measured
+FINER = 1024  # ratio of the width of a bracket to that of the finer one, from which distances to an event are measured
 MOST_STEPS = 1_000_000  # largest number of strain steps of a search
 TRIALS = 200  # largest number of steps to find the finer bracket
 THOROUGH = 4  # largest step, in widths of a bracket, for which Newton's method may converge slowly
@@ -61,7 +61,7 @@ def find_events(
     law : Law without dashpots; drag is the only dissipation
     to : strain at which the search ends, counted from the given state
     drag : ν in m r̈ = F − m ν ṙ, for translations and rotations, without a default: a complex pair λ grows only if
-        Re λ < (Im λ/ν)², so the drag is part of the definition of an event. Usual values are 0.2 to 2 over
+        Re λ < (Im λ/ν)², so the drag is part of the definition of an event. Usual values are 0.2 to 2 divided by
         `stable_time_step`, or 0.1 to 1 times the highest frequency [1/time]
     step : largest strain step
     resolution : largest width of a bracket
@@ -111,7 +111,7 @@ def find_events(
 
 
 def check_packing(state: State, law: Law) -> None:
-    """Raise ValueError for a packing that is not loaded by strain alone, or an unsuitable law."""
+    """Raise ValueError for an unsuitable law, or for a packing that is not loaded by strain alone."""
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
         raise ValueError("the packing has walls: events can be searched for only in a periodic cell under shear")

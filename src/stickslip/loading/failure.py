@@ -30,7 +30,7 @@ from .protocols import SAME_PAIR, Change, Equilibrium, bisect_change
 from .quasistatic import aqs
 from .settling import Deformation, Mode, deformation
 
-STEP = 0.02  # default strain step, in mean overlaps over the mean diameter
+STEP = 0.02  # default strain step, in units of the mean overlap divided by the mean diameter
 STEPS = 500  # default largest number of steps
 LONGEST = 0.1  # largest strain step, beyond which the packing does not persist
 RESOLUTION = 2.5e-3  # width of the bracket of an event, in strain steps
@@ -193,8 +193,8 @@ def shear_to_failure(
         a bond; "first-break", the first break of a bond; or a strain, negative for shear in the opposite direction or
         unloading. Bonds that break on the way are events
     mode, reverse : deformation of the cell (see `aqs`); with "first-…", reverse=True makes the strain decrease
-    step : largest strain step; default 0.02 mean overlaps over the mean diameter, rounded to one digit; with bonds at
-        most a twentieth of the strain at which the first one breaks by linear response
+    step : largest strain step; default 0.02 mean overlaps divided by the mean diameter, rounded to one digit; with
+        bonds, at most a twentieth of the strain at which the first one breaks by linear response
     limit : strain at which the path ends even without an instability; default 500 steps
     drag : ν of the dynamics that determine events (see `find_events`); default a tenth of the highest
         frequency [1/time]

@@ -25,13 +25,13 @@ STEPS, SETTLED = 100, 1e-8  # largest number of linearisations, and largest chan
 # after a step longer than this fraction of the previous one, steps are halved (down to a quarter) if its direction was
 # reversed, and doubled (up to four times) if it was kept
 FALLS, SHORTEST, LONGEST = 0.7, 1 / 4, 4.0
-LEAST_ERROR = 1e-5  # smallest estimated error over the mean radius or force
+LEAST_ERROR = 1e-5  # smallest estimated error, in units of the mean radius or force
 FAR, NEAR = 5.0, 8.0  # number of errors beyond which a measurement is impossible, and within which grains may touch
-OPENS, APART = 1e-6, 1e-9  # force of an open contact over the mean force, and its gap over the mean radius
-WEAK = 1e-2  # force over the mean force below which dδ/dF_n is that at this force, so that steps do not cycle
+OPENS, APART = 1e-6, 1e-9  # force of an open contact in mean forces, and its gap in mean radii
+WEAK = 1e-2  # force, in mean forces, below which dδ/dF_n is that at this force, so that steps do not cycle
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit at which a contact slides
 FACETS = 8  # number of facets of the Coulomb cone between spheres
-BLUNT = 1e-3  # tangential force over its error below which the curvature of the cone is that at this force
+BLUNT = 1e-3  # tangential force, in errors, below which the curvature of the cone is that at this force
 
 
 @readable
@@ -77,7 +77,7 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
     ----------
     measured : from `read_forces`
     law : Law with friction, of one material, whose forces follow from overlap and slip
-    density : float or (N,), mass over the area of a disk or volume of a sphere [mass/length²] or [mass/length³]
+    density : float or (N,), mass per area of a disk or volume of a sphere [mass/length²] or [mass/length³]
 
     Returns
     -------
@@ -145,7 +145,7 @@ class _Network(NamedTuple):
     law: Law
     least: float  # smallest normal force of a contact
     near: np.ndarray  # (2, P) grains without contact that might overlap
-    start: np.ndarray  # (D (N + C),) first guess of the changes over the errors
+    start: np.ndarray  # (D (N + C),) first guess of the changes, in errors
     opened: tuple[tuple[int, int], ...] = ()
     spent: float = 0.0  # chi² of the forces of opened contacts
 
@@ -239,7 +239,7 @@ class _Network(NamedTuple):
         return np.concatenate([np.ones(m.position.size + len(bears), bool), np.repeat(bears, m.dim - 1)])
 
     def curvature(self, change: np.ndarray, pushes: np.ndarray):
-        """Second derivative of the limits of tangential forces times their multipliers, needed for convergence.
+        """Second derivative of the limits of tangential forces, times their multipliers; needed for convergence.
 
         The second derivative of |t| is (1 − t̂ ⊗ t̂)/|t|.
         """
@@ -358,19 +358,19 @@ class _Directions(NamedTuple):
 
     @property
     def levers(self) -> np.ndarray:
-        """(C, 1 or 3, D − 1) torques of unit tangential forces on both grains, over their radii: −n × t."""
+        """(C, 1 or 3, D − 1) torques of unit tangential forces on both grains, divided by their radii: −n × t."""
         if self.normal.shape[1] == 2:
             return np.ones((len(self.normal), 1, 1))
         return -np.cross(self.normal[:, None], self.across).transpose(0, 2, 1)
 
     def torque(self, force_t: np.ndarray) -> np.ndarray:
-        """(C, 1 or 3) torques on both grains over their radii."""
+        """(C, 1 or 3) torques on both grains, divided by their radii."""
         return np.einsum("cra,ca->cr", self.levers, force_t)
 
     def force_slopes(self, force_n: np.ndarray, force_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(C, D, D) and (C, 1 or 3, D): change of forces and torques with the branch vector, at fixed components.
 
-        With dn = (1 − n ⊗ n) dr/r: dt = −n (t · dn) + (n × t) (twist · dn), and of −n × t: t × dn + t (twist · dn).
+        With dn = (1 − n ⊗ n) dr/r: dt = −n (t · dn) + (n × t) (twist · dn), d(−n × t) = t × dn + t (twist · dn).
         """
         n, t, dim = self.normal, self.total(0 * force_n, force_t), self.normal.shape[1]
         turn = (np.eye(dim) - n[:, :, None] * n[:, None]) / self.distance[:, None, None]

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
+import scipy  # scipy.optimize, whose import takes a tenth of a second, is imported on first use
 
 from ..core.arguments import Positive, Seed, Values, checked, knows_bonds, require_index
 from ..core.contacts.forces import accept, forces
@@ -136,7 +136,7 @@ def jammed(
 
     Parameters
     ----------
-    packing_fraction : float, volume of all grains (overlaps counted twice) over that of the box (area in 2D)
+    packing_fraction : float, volume of all grains (overlaps counted twice) divided by that of the box (area in 2D)
     pressure : float [force/length^(dim−1)], reached to a relative accuracy of 1e-6; give this or the packing fraction
     dim : 2 (disks) or 3 (spheres)
     radius : float; or a few sizes with equal numbers of grains, such as (0.5, 0.7) for half and half; or (n,) radii

@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
+import scipy  # scipy.optimize, whose import takes a tenth of a second, is imported on first use
 
 from ..core.arguments import NotNegative, Positive, Seed, Series, Several, checked, knows_bonds
 from ..core.contacts.neighbors import with_neighbor_list
@@ -322,7 +322,8 @@ def fit_growth(
     Parameters
     ----------
     time, msd : (T,) [time], [length²]
-    growth_rate, frequency : initial guesses [1/time] from the spectrum, accurate to a factor of two and to `within`
+    growth_rate, frequency : initial guesses from the spectrum, one accurate to a factor of two, the other to `within`
+        [1/time]
     within : float, relative range of frequencies searched
     """
     above_top = np.flatnonzero(msd > window[1])
@@ -415,7 +416,7 @@ class Released(NamedTuple):
 
     @property
     def drop(self) -> float:
-        """Drop in shear stress from the mean over the first tenth to that over the last."""
+        """Drop in shear stress from the mean over the first tenth to that over the last tenth."""
         part = max(1, len(self.time) // 10)
         return float(self.shear_stress[:part].mean() - self.shear_stress[-part:].mean())
 
@@ -506,7 +507,7 @@ def release(
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    # number of chunks of the growth; a longer run appends as many. `chunks` has the samples of each chunk
+    # number of chunks of the growth; a longer run appends the same number. `chunks` contains the samples of each
     count = max(20, snapshots)
     chunks = [max(1, int(min(e_folds / rate, duration) / dt / every / count))] * count
     rest = int(min(least, duration) / dt / every) - sum(chunks)

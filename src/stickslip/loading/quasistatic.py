@@ -44,8 +44,8 @@ def aqs(
 
     Newton's method finds stable and unstable equilibria, and may end on a branch other than the one on which the step
     began. Stability is checked by the spectrum of the step. The branch is checked by the motion of the grains, which
-    must continue that of the previous step or follow from the Jacobians at both ends. Otherwise the step is repeated in
-    up to 16 smaller ones, which must lead to the same state.
+    must continue that of the previous step or follow from the Jacobians at both ends. Otherwise, the step is repeated
+    in up to 16 smaller ones, which must lead to the same state.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def cell_shear(law: Law, normal_stress: Positive, *, tolerance: Positive = BALAN
 
 @checked
 def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> Protocol:
-    """Protocol of shear by a plate: the load is its force along x over the force that presses it along −y.
+    """Protocol of shear by a plate: the load is its force along x divided by the force that presses it along −y.
 
     The load is absolute: the force replaces any previous one along x.
 

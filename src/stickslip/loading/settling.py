@@ -26,19 +26,19 @@ from ..solve.shear_response import XY
 from .compression import Scales, critical_mass, stopped
 from .packing import shear_strain
 
-# unbalanced forces at which Newton's method is tried again, over the force of a contact that carries the pressure
+# unbalanced forces at which Newton's method is tried again, relative to that of a contact that carries the pressure
 LEVELS = (1e-2, 1e-3, 1e-4)
 REST, MORE = (
     1e-6,
     20_000,
 )  # if it fails at all of them: the force at which dynamics ends, and the largest number of time steps
 SETTLING_DRAG = 2.0  # drag times the time scale: the softest motions come to rest soonest at critical drag
-OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
+OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, in units of the pressure
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two checks of the forces, and largest number in a load step
 POSTED = 20  # steps of dynamics between two entries in a ledger
-SLOW = 3.0  # duration of a strain step made by dynamics, over the time scale
+SLOW = 3.0  # duration of a strain step made by dynamics, in units of the time scale
 STEPS = 500  # number of steps of the load in slow dynamics
-SHARE = 0.1  # time step of slow dynamics over the stable one
+SHARE = 0.1  # time step of slow dynamics, in units of the stable one
 
 
 def settle(
@@ -83,7 +83,7 @@ def strain_step(
     state: State, law: Law, scales: Scales, gradient: np.ndarray, *, tolerance: float, keep: Factorisation,
     account: PathLedger,
 ) -> tuple[State, Outcome]:  # fmt: skip
-    """Equilibrium after a small step of the strain of the cell, whose energies are added to a ledger.
+    """Equilibrium after a small strain step of the cell, whose energies are added to a ledger.
 
     If Newton's method stalls, or ends on another branch so that energies do not balance, dynamics strains the cell at a
     constant rate within a few time scales. Grains rearrange under stress, and the sample is then brought to rest.
@@ -174,7 +174,7 @@ class SlowRun(NamedTuple):
     """Slow run over T load steps."""
 
     time: float  # duration of a whole leg [time]
-    load: np.ndarray  # (T,) load at the end of each step, in legs
+    load: np.ndarray  # (T,) load at the end of each step, in completed legs
     states: tuple[State, ...]
     kinetic_energy: np.ndarray  # (T,) largest during each step [energy]
 
@@ -191,7 +191,7 @@ def slow_dynamics(
     ----------
     legs : as in `load_path`
     time : duration of each leg [time]
-    until : load at which to stop, in legs
+    until : load at which to stop, in completed legs
     drag : drag on translations and rotations [1/time]
     report : called as report(stage, share done, text)
 

@@ -38,7 +38,7 @@ SLOWING = 0.95  # ratio of the travel in the last window to that in the first, b
 KICKS = (1e-13, 1e-4)  # default kicks, in natural units
 SLID = 0.1  # distance that counts as sliding, as in `travel`
 FINE, WIDTHS = 60, 80  # numbers of thresholds between two loads, and of widths, in the table of the likelihood
-BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in their range
+BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in load ranges
 DROP = 1.92  # drop of the log-likelihood at the ends of a 95 % interval (half of the quantile 3.84 of χ² with 1 degree)
 
 
@@ -308,7 +308,7 @@ def fit_threshold(loads, slid, runs) -> tuple[float, tuple[float, float], float]
     """
     loads, slid, runs = (np.asarray(a, float) for a in (loads, slid, runs))
     nothing = np.nan, (-np.inf, np.inf), np.nan
-    slope = ((slid - runs * slid.sum() / runs.sum()) * loads).sum()  # has the sign of the slope of the likeliest curve
+    slope = ((slid - runs * slid.sum() / runs.sum()) * loads).sum()  # has the sign of the best curve's slope
     if not (0 < slid.sum() < runs.sum() and slope > 1e-9 * runs.sum() * np.ptp(loads)):
         return nothing
     gap, span = np.diff(loads).min(), np.ptp(loads)
@@ -344,9 +344,9 @@ def _at_limit(state: State) -> bool:
 def travel(start: State, end: State) -> float:
     """Distance by which a sample has slid.
 
-    This is the shear strain of the cell if its shear follows a stress. Otherwise it is the displacement of rigid groups
-    that are free to move, such as a plate, or if there are none, the median displacement of all grains; both are in
-    mean diameters.
+    This is the shear strain of the cell if its shear follows a stress. Otherwise, it is the displacement of rigid
+    groups that are free to move, such as a plate, or, if there are none, the median displacement of all grains; both
+    are in mean diameters.
     """
     control, count = start.control, len(start.grains.radius)
     shear = control.cell_free & ~np.eye(3, dtype=bool)

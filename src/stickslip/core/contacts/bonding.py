@@ -1,4 +1,4 @@
-"""Bonds of a state: creating them between chosen grains, comparing loads with strengths, breaking them."""
+"""Bonds of a state: creating them between chosen grains, comparing loads with strengths, and breaking them."""
 
 from typing import Annotated
 
@@ -12,7 +12,7 @@ from .bonds import BondLimits, add_bond_loads, bond_gap, bond_vectors, judge_loa
 from .forces import bodies
 from .neighbors import TOO_FAR, TooFarApartError, body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 
-AMBIGUOUS = 1e-9  # tolerance of a distance of half a box, in units of the box
+AMBIGUOUS = 1e-9  # tolerance for distances of half a box, in box lengths
 
 
 @checked
@@ -26,7 +26,7 @@ def bonded(
 ) -> State:
     """State with bonded grains; each bond is at rest at its present length and orientation.
 
-    Bonds act in addition to the contact law, also across a gap. After a bond breaks, only the contact law acts.
+    Bonds act in addition to the contact law, even across a gap. After a bond breaks, only the contact law acts.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ def limits_of_bonds(bonds: Bonds, dim: int, here, vectors, way: np.ndarray | Non
 def judge_loads(bonds: Bonds, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Loads as fractions of the strengths (see `BondLimits`), and the load that breaks each bond (index in `FAILURES`).
 
-    Both are (K,). The load that breaks a bond is the largest of those that add up to its strength.
+    Both are (K,). The load that breaks a bond is the largest of those that together reach its strength.
     """
     share, failure = np.zeros(len(load)), np.zeros(len(load), np.int8)
     core.judge_loads(bonds, np.ascontiguousarray(load), share, failure)
@@ -104,7 +104,7 @@ def is_beam(bonds: Bonds, dim: int) -> np.ndarray:
 
 
 def bond_forces(bonds: Bonds, dim: int, here, vectors, contacts: Contacts) -> np.ndarray:
-    """Elastic force of the bond of each contact on body i, (C, 3) [force]."""
+    """Elastic force that the bond of each contact exerts on body i, (C, 3) [force]."""
     force, out, rows = np.zeros((len(bonds.i), 3)), np.zeros((int(contacts.count[0]), 3)), bond_rows(bonds, contacts)
     core.linearise_bonds(dim, here, bonds, vectors, force, None, None)
     np.add.at(out, rows[bonds.intact], force[bonds.intact])
@@ -135,7 +135,7 @@ def has_damped_bonds(state: State) -> bool:
 
 
 def frequency_bound_of_bonds(bonds: Bonds, here, vectors: np.ndarray, inverse_inertia: np.ndarray) -> float:
-    """Upper bound on the ω² due to bonds, from the sums of stiffnesses at each body."""
+    """Upper bound on the ω² due to bonds, from the sum of the stiffnesses at each body."""
     held = np.flatnonzero(bonds.intact)
     tension, shear, bending, twisting = bonds.stiffness[held].T
     total = np.zeros((2, len(inverse_inertia)))

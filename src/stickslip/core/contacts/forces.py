@@ -25,7 +25,7 @@ FROZEN, HELD, FREE = 0, 1, 2
 GIVEN = 4  # added to HELD or FREE: the memory was imported, not committed during motion
 MIN_WEIGHT = 0.6  # least weight of an increment (see `turning_weight`); above 1/2, so that a slip can change its sign
 ROUND_OFF = (
-    1e-11  # tolerance of slip, over R_i + R_j: a contact slides until its slip is below the limit by more than this
+    1e-11  # tolerance of slip in units of R_i + R_j: sliding ends when the slip is below the limit by more than this
 )
 AT_LIMIT = 1e-3  # fraction by which the slip of a sliding contact at rest may fall short of its limit, due to dashpots
 

@@ -2,7 +2,7 @@
 
 Coordinates of a body are (x, y, z, R·angle), and torques are divided by R. A contact depends only on r = r_i − r_j
 and ρ = R_i angle_i + R_j angle_j. Its loads on i are (F, T/R) = (F, −n × F). The geometric derivatives are written by
-hand; those of the law come from its source. With the slip u (see `tangent`) and the tangential force φ(δ, |u|):
+hand; those of the law are computed by its code. With the slip u (see `tangent`) and the tangential force φ(δ, |u|):
 
     dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr),      dn = P dr/|r|
 

@@ -80,12 +80,12 @@ def body_positions(state: State) -> np.ndarray:
 
 
 def body_radii(state: State) -> np.ndarray:
-    """Radii, (N + W,), zero for walls [length]. Do not write to this array: without walls, it is the grains' own."""
+    """Radii, (N + W,), zero for walls [length]. Do not write to it: without walls, it is the array of the grains."""
     return join_bodies(state.grains.radius, np.zeros(len(state.walls.mass)))
 
 
 def join_bodies(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
-    """Concatenate values of grains and walls. Without walls, return the grains' own array, to save memory."""
+    """Concatenate values of grains and walls. Without walls, return the array of the grains itself, to save memory."""
     return np.concatenate([grains, walls]) if len(walls) else grains
 
 

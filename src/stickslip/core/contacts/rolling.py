@@ -45,7 +45,7 @@ class _MomentLinearisation(NamedTuple):
     twisting: np.ndarray  # (C,) k τ
     twisting_along: np.ndarray  # (C,) k, zero at the cap
     twisting_damping: np.ndarray  # (C,)
-    twisting_by_force: np.ndarray  # (C,) derivatives of k τ, as those of φ
+    twisting_by_force: np.ndarray  # (C,) derivatives of k τ, like those of φ
     twisting_by_overlap: np.ndarray  # (C,)
 
 
@@ -83,7 +83,7 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
 
 
 def rolling_bound(state, law: Law, here, inverse_inertia) -> float:
-    """Upper bound on ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
+    """Upper bound on ω² of the rolling springs alone, from |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
     if not resists_rolling(law):
         return 0.0
     struct, shift = law_struct(law, members=("range", "rolling")), shifts(state.contacts, state.cell.vectors)

@@ -2,7 +2,7 @@
 
 A batch runs on a graphics processor or on the host, where the same functions give the same bits (see `batch.h`). Bodies
 of a system are in memory order: single grains, with sizes mixed so that all blocks of threads have similar numbers of
-contacts; then grains of rigid groups and on springs; then walls.
+contacts; then grains in rigid groups or on springs; then walls.
 """
 
 from math import prod
@@ -151,7 +151,7 @@ def run_systems(systems: list[System], device: Device) -> list[tuple[State, Reco
 
 
 def _run(device: Device, wanted: int, sizes: Sizes) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Run all systems until each has ended or a list is too short; return `number` and the events of each system."""
+    """Run all systems until each has ended or a list is too short; return `number` and the events of every system."""
     events = [[] for _ in range(sizes.slots)]
     while True:
         number = device.run(wanted + 1)
@@ -446,7 +446,7 @@ def _unpack(
 
 
 def _unpack_events(events: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Events in chronological order, each once."""
+    """Events in chronological order, without duplicates."""
     out = events.copy()
     out[:, 2], out[:, 3] = order[events[:, 2].astype(int)], order[events[:, 3].astype(int)]
     out = out[_is_first(out[:, 2], out[:, 3], out[:, 4:7])]
@@ -454,13 +454,13 @@ def _unpack_events(events: np.ndarray, order: np.ndarray) -> np.ndarray:
 
 
 def _is_first(i: np.ndarray, j: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """Mask of list entries in which a contact, listed for both bodies, belongs to its first body."""
+    """Mask of the list entries of a contact's first body; each contact is listed for both of its bodies."""
     forward = (image > 0) @ [4, 2, 1] > (image < 0) @ [4, 2, 1]  # contact of a grain with its own image
     return (i < j) | ((i == j) & forward)
 
 
 def _unpack_contacts(system: System, slot: int, device: Device, held: int) -> Contacts:
-    """Closed contacts of a system, each once."""
+    """Closed contacts of a system, without duplicates."""
     order, old = system.order, system.state.contacts
     many, entry = device.read("entries", (held, slot)), device.read("entry", (held, slot))
     row, column = np.nonzero((np.arange(entry.shape[1]) < many[:, None]) & (entry & 3 != OPEN))

@@ -18,7 +18,7 @@ from ..arguments import Numbers, checked, knows_bonds
 from ..control import factors_at
 from ..state import State, as_numbers, deforms
 
-MIN_VOLUME_RATIO = 1e-6  # smallest volume of a cell after one strain, over its previous volume
+MIN_VOLUME_RATIO = 1e-6  # smallest allowed ratio of the volume of a cell after one strain to its previous volume
 
 
 class Flow(NamedTuple):
@@ -31,7 +31,7 @@ class Flow(NamedTuple):
     factor: (
         np.ndarray
     )  # (2, C + 1) time profiles: mean over the step, value at its end; the last is 1, for rates without a profile
-    rate: np.ndarray  # (B, 6) rates of bodies, in the order of memory
+    rate: np.ndarray  # (B, 6) rates of bodies, in memory order
     follows: np.ndarray  # (B, 6)
 
     @property

@@ -1,4 +1,4 @@
-"""Driver of runs: updates of the list and of the blocks, stops for records.
+"""Driver of runs: it updates the contact list and the blocks, and stops for records.
 
 In small systems, contacts are evaluated one after another, by rows of the list; in large ones, they are evaluated in
 vectorised blocks (see `blocks.h`). Blocks contain only touching and nearly touching pairs: those that could touch
@@ -192,12 +192,12 @@ class _Run:
         return here
 
     def record_groups(self, here: Bodies, row: int) -> None:
-        """Write one row of the series of rigid groups; the loop itself writes all others."""
+        """Write one row of the series of rigid groups; the compiled loop writes all others."""
         external, force = self.plan.external, _forces_in_state_order(self.moving)
         write_groups(self.writing.groups[row], self.state, external, here, force, self._time())
 
     def record_bonds(self, here: Bodies, row: int) -> None:
-        """Add bonds to one sample; the contributions of contacts are written by the loop itself."""
+        """Add bonds to one sample; the compiled loop writes the contributions of contacts."""
         contacts = self.contacts
         listed = contacts._replace(key=pack_keys(contacts.i, contacts.j, contacts.image), stale=True)
         state = state_after(self.state, here, listed, self._time())._replace(bonds=self.bonds)
@@ -226,7 +226,7 @@ class _Run:
         return state_after(self.state, here, contacts, time)._replace(instant=instant, bonds=self.bonds)
 
     def _list_at(self, position: np.ndarray, former, skin: float):
-        """List with the given skin at the given positions, and the memory of the former list."""
+        """Contact list with a given skin at given positions, and with the memory of the former list."""
         known, former = self.known, former._replace(skin=skin)
         contacts = rebuild_list(position, known.radius, known.normal, grid_of(self.state.cell), former, self.threads)
         if contacts.count[0] < 0:

@@ -31,7 +31,7 @@ from .coefficients import Plan
 
 COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "rolling", "viscous", "drag", "nonpotential",
            "bonded", "broken")  # fmt: skip
-UNBALANCED = 1e-2  # largest defect of a small step, over its energy changes
+UNBALANCED = 1e-2  # largest defect of a small step, in units of its energy changes
 _STORED = [COLUMNS.index(name) for name in ("kinetic", "normal", "tangential", "bonded")]  # not sums over steps
 
 
@@ -51,7 +51,7 @@ class Ledger(NamedTuple):
     # by bonds, whose loads derive from an energy only to first order in the rotations
     nonpotential: np.ndarray
     bonded: np.ndarray | float = 0.0  # (T,) stored in bonds
-    broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: their stored energy less their remaining work
+    broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: their stored energy less their work in that step
 
     @property
     def defect(self) -> np.ndarray:
@@ -151,7 +151,7 @@ def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0)
     slip implied by the motion less the remaining slip. Dashpots dissipate (F_n − F_n,spring) and (F_t − F_t,spring)
     times the relative velocities, averaged over both ends, times dt.
 
-    The energy ledger of a run, `run(…, ledger=True)`, adds up the same numbers of all contacts.
+    The energy ledger of a run, `run(…, ledger=True)`, adds up the same numbers for all contacts.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0)
 
 
 def _post(row: np.ndarray, before: State, after: State, law: Law, *, dt: float = 0.0, first: bool = False):
-    """Add a step between accepted states to a row, without kinetic energy; return the dissipation of each contact."""
+    """Add a step between accepted states to a row, without kinetic energy; return the dissipation at each contact."""
     ends, still = [bodies_of(before), bodies_of(after)], np.zeros((after.n_bodies, 3))
     shares, none = np.zeros((len(after.contacts.i), 2)), np.zeros(after.n_bodies)
     row[_STORED] = 0.0

@@ -61,7 +61,7 @@ def gather_springs(state: State, moving: MovingBodies) -> Springs | None:
 
 
 def _empty_aligned(rows: int, width: int) -> np.ndarray:
-    """Uninitialised array (rows, width) aligned to cache lines: a vector that spans two lines takes twice as long."""
+    """Uninitialised array (rows, width) aligned to cache lines: access across two lines takes twice as long."""
     flat = np.empty(rows * width + _LINE)
     first = -(flat.ctypes.data // 8) % _LINE
     return flat[first : first + rows * width].reshape(rows, width)

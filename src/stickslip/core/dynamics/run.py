@@ -134,7 +134,7 @@ def run(
     drag, spin_drag : float [1/time]; spin_drag defaults to drag
     every : int, number of steps between samples (0: no samples)
     probes : grains whose position and angle are sampled
-    events : also record each contact that closes, opens, or first reaches the Coulomb limit since it closed
+    events : also record each contact that closes, opens, or reaches the Coulomb limit for the first time after closing
     ledger : also compute the energy ledger, updated after every step and sampled every `every` steps: see `Ledger`.
         With a number of steps instead of True, it is updated only once in that many steps, so its sums are coarser;
         `every` must be a multiple of this number
@@ -154,7 +154,7 @@ def run(
     Returns
     -------
     State, Record, Outcome
-        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; a run that fails stops at once, and its
+        the outcome is DONE or, with `tolerance`, CONVERGED or STEPS_SPENT; a run that fails stops at once, and its
         outcome, NOT_A_NUMBER or BLOWN_UP, names the grain, the step, the time and the largest stable time step
 
     Raises

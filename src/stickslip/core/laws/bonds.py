@@ -17,7 +17,7 @@ _NO = 0.0, 0.0, 0.0, 0.0
 
 @readable(head=lambda bond: _NAMES[bond.form])
 class Bond(NamedTuple):
-    """Law of a bond, from a function such as `laws.spring_bond`. Four entries: tension, shear, bending, twisting."""
+    """Law of a bond, from a function such as `laws.spring_bond`. Tuples contain tension, shear, bending, twisting."""
 
     MADE_BY = "laws.spring_bond"
 
@@ -27,7 +27,7 @@ class Bond(NamedTuple):
     damping: tuple[float, float, float, float] = _NO
     fading: int = 0  # p, loads are multiplied by 1 − (load/strength)^p before failure; 0: they are not
     normalized: bool = False  # the first two stiffnesses are divided by the length at rest
-    size: float | np.ndarray = 1.0  # radius of a parallel bond over that of the smaller grain, (K,) in `coefficients`
+    size: float | np.ndarray = 1.0  # radius of a parallel bond in radii of the smaller grain, (K,) in `coefficients`
 
 
 @checked
@@ -40,7 +40,7 @@ def spring_bond(
     Parameters
     ----------
     k : stiffness [force/length]
-    stretch : |r − r₀|/r₀ at which the bond breaks; by default it never breaks
+    stretch : |r − r₀|/r₀ at which the bond breaks; by default, it never breaks
     damping : γ [force time/length]
     smooth : before the bond breaks, its load is multiplied by 1 − (fraction of `stretch`)⁸
     normalized : k is a force that is divided by r₀
@@ -71,8 +71,8 @@ def beam_bond(
     ----------
     tension, shear : stiffnesses [force/length]
     bending, twisting : stiffnesses [force length]
-    strength : the four denominators, two in [force] and two in [force length]; by default the bond never breaks
-    damping : γ of the normal, tangential, rolling and twisting velocities as in LAMMPS
+    strength : the four denominators, two in [force] and two in [force length]; by default, the bond never breaks
+    damping : γ of the normal, tangential, rolling and twisting velocities, as in LAMMPS
     smooth : before the bond breaks, its loads are multiplied by 1 − (fraction of the strength)⁴
     normalized : the first two stiffnesses are forces that are divided by the length at rest
 
@@ -130,7 +130,7 @@ def _require_four(name: str, values, least: float) -> None:
 
 
 def coefficients(bond: Bond, dim: int, radius_i, radius_j, length):
-    """Stiffness, damping and strength (K, 4), and the distance of the shear force from j over the bond length, (K,)."""
+    """Stiffness, damping and strength (K, 4), and the distance from j to the shear force, in bond lengths, (K,)."""
     k = len(length)
     stiffness, damping, strength = (np.tile(row, (k, 1)) for row in (bond.stiffness, bond.damping, bond.strength))
     if bond.normalized:

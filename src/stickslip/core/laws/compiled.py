@@ -147,7 +147,7 @@ def block_function(kind: Kind, name: str):
     MissingExtraError
         If Numba is not installed.
     ValueError
-        If Numba cannot compile it; the message names the line.
+        If Numba cannot compile the function; the message names the line.
     """
     own = USER_LAWS[kind]
     with announced(f"compiling {own.name}: {MEMBERS[name]}"):
@@ -318,12 +318,12 @@ def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, no
     Parameters
     ----------
     wanted : "force" and "energy" of the normal spring; "stiffness" of the tangential one; "slopes" (…, 2), the
-        derivatives of force and stiffness; "cap" and "cap_slopes" (…, 2), its derivatives with respect to the normal
+        derivatives of force and stiffness; "cap" and "cap_slopes" (…, 2), the cap's derivatives by the normal
         force and the overlap; "range"; "damping", the factor that multiplies the damping coefficients
     overlap, r_eff : δ and R_eff [length]
     a, b : materials of the two bodies
     m_eff : effective mass, for dashpots [mass]
-    normal_force : force including that of the dashpot, for caps [force]
+    normal_force : normal force including that of the dashpot, for caps [force]
     """
     given = np.broadcast_arrays(a, b, overlap, r_eff, m_eff, normal_force)
     types, shape = (np.int64, np.int64, *4 * [float]), given[0].shape
@@ -339,7 +339,7 @@ def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, no
 
 
 def largest_stiffness(law: Law, r_eff: float, deepest: float) -> float:
-    """Largest stiffness of a law for material 0 between the end of its range and an overlap [force/length].
+    """Largest stiffness of a law for material 0 between the end of its range and the overlap `deepest` [force/length].
 
     The stiffness of a built-in law grows with the overlap. The rolling stiffness of a user-defined law is converted to
     k_r m/I, with the I of spheres.

@@ -48,14 +48,14 @@ MODELS = {"constant": ("mu_roll", "gamma_roll"), "viscous": ("gamma_roll",), "sp
 def with_lever(law: Law, arm: Annotated[str, one_of(*ARMS)]) -> Law:
     """Law with other lever arms of the tangential force, T_i = −a_i n × F_t.
 
-    The surfaces move relative to each other with v_t = P v − (a_i ω_i + a_j ω_j) × n. With a_i = R_i − δ/2 the arms of
+    The surfaces move relative to each other with v_t = P v − (a_i ω_i + a_j ω_j) × n. With a_i = R_i − δ/2, the arms of
     two grains add up to their distance, so that contacts conserve angular momentum, and two grains that rotate as one
     body do not slip.
 
     Parameters
     ----------
-    arm : "radius" (a_i = R_i, as in the papers and in LAMMPS `gran/hooke/history`) or "overlap" (a_i = R_i − δ/2 of
-        grains at grains, R_i at walls). LAMMPS `pair_style granular` uses R_i − δ/2 for torques but R_i for the slip,
+    arm : "radius" (a_i = R_i, as in the papers and in LAMMPS `gran/hooke/history`) or "overlap" (a_i = R_i − δ/2
+        between grains, R_i at walls). LAMMPS `pair_style granular` uses R_i − δ/2 for torques but R_i for the slip,
         and so does a run with `slip_update="rate"`
 
     Source
@@ -77,8 +77,8 @@ def with_memory(law: Law, of: Annotated[str, one_of(*MEMORIES)]) -> Law:
 
     With slip as memory, F_t = −k_t(δ) s changes with the overlap. With force as memory, dF_t = −k_t(δ) ds: a
     sticking contact keeps F_t as its overlap changes, and `Contacts.slip` holds −F_t/k_t. With `rescaled=True`, F_t
-    also shrinks with k_t where the overlap decreases. Under a built-in law whose k_t is constant both are the same, and
-    the law is returned unchanged.
+    also shrinks with k_t where the overlap decreases. Under a built-in law whose k_t is constant, both are the same,
+    and the law is returned unchanged.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def with_rolling(
     """Law with a moment that resists rolling, M_i = −M_j, perpendicular to the normal.
 
     Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is not resisted.
-    With P the Coulomb limit over μ (by default max(F_n, 0); zero if μ is zero):
+    P is the Coulomb limit divided by μ (by default max(F_n, 0); zero if μ is zero):
 
         constant  M = −min(γ R_eff² |ω|, μ_r R_eff P) ω/|ω|
         viscous   M = −γ P R_eff² ω
@@ -237,11 +237,11 @@ _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 def dashpot_coefficients(law: Law) -> np.ndarray:
     """Coefficients that the factors of the damping model convert to c_n and c_t, (materials, materials, 2).
 
-    With coeff_restitution these are α = √5 D of Hertzian contacts and 2 D of linear ones. If the contact may attract
-    as it opens, ln e = −π D/√(1 − D²). With `tension=False` it opens where F_n = 0, and ln e is
-    −2 D arccos(D)/√(1 − D²), or −2 D arcosh(D)/√(D² − 1) beyond D = 1. Both are exact for k δ and k δ^{3/2}. With tsuji
-    α is a polynomial of e that was fitted to Hertzian contacts that may attract. With the other models these are
-    `damping_n` and `damping_t`.
+    With coeff_restitution, these are α = √5 D for Hertzian contacts and 2 D for linear ones. If the contact may attract
+    as it opens, ln e = −π D/√(1 − D²). With `tension=False`, it opens where F_n = 0, and ln e is
+    −2 D arccos(D)/√(1 − D²), or −2 D arcosh(D)/√(D² − 1) beyond D = 1. Both are exact for k δ and k δ^{3/2}. With
+    tsuji, α is a polynomial in e that was fitted to Hertzian contacts that may attract. With the other models, these
+    are `damping_n` and `damping_t`.
 
     Source
     ------

@@ -299,7 +299,7 @@ def _source_text(given: dict) -> str:
 
 @checked
 def from_file(path: str | Path, **parameters: float) -> Law:
-    """Contact law from a Python file with functions named after the arguments of `custom`, and a table `parameters`.
+    """Contact law from a Python file with functions named like the arguments of `custom`, and a dict `parameters`.
 
     The file is executed. It may also set `coulomb`, `damping`, `tension`, `memory`, `bonds` and `size`.
 
