@@ -39,7 +39,7 @@ HERE = Path(__file__).resolve().parent
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 MACHINE = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
 MACOS, GLIBC = "11.0", "2.28"  # oldest systems on which the libraries run, if the compiler supports them
-ZIGLANG = "ziglang>=0.17"  # the package that holds a compiler
+ZIGLANG = "ziglang>=0.17"  # package that contains a C++ compiler
 NO_COMPILER = (
     "no C++ compiler works here: install GCC or Clang (Debian: apt install g++; macOS: xcode-select --install), "
     f"or run {shlex.join([sys.executable, '-m', 'pip', 'install', ZIGLANG])}"
@@ -182,7 +182,7 @@ def library_path(level: str, folder: Path | None = None) -> Path:
 
 
 def stamp(path: Path) -> dict[str, str]:
-    """Digest, compiler, command, target and sanitizers as stored in a library; empty if it is not complete."""
+    """Digest, compiler, command, target and sanitizers as stored in a library; empty if this is incomplete."""
     content = path.read_bytes() if path.is_file() else b""
     mark = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", content)
     return json.loads(mark[1]) if mark and not _is_truncated(content) else {}
@@ -314,7 +314,7 @@ class _Making:
         made |= wanted | {"target": _zig_target() if compiler.is_zig else ""}
         self.compiler, self.folder, self.out, self.made, self.verbose = compiler, folder, out, made, verbose
         self.objects = out / OBJECTS
-        killed = self.objects.glob(".[0-9]*") if fcntl else ()  # files of builds that were killed
+        killed = self.objects.glob(".[0-9]*") if fcntl else ()  # files left by builds that were killed
         for path in [*killed, *(self.objects.glob("*.o") if force else ())]:
             path.unlink(missing_ok=True)
         self.shared = b"".join(path.read_bytes() for path in _headers(folder)) + compiler.version.encode()

@@ -161,7 +161,7 @@ class Bonds(NamedTuple):
     damping: np.ndarray  # (K, 4) [force time/length] twice, [force time] twice
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
     form: np.ndarray  # (K,) int8: combination of strengths, see `bond_shares`
-    fading: np.ndarray  # (K,) int8: p, loads are multiplied by 1 − (load/strength)^p, or 0: unchanged until failure
+    fading: np.ndarray  # (K,) int8: p, loads are multiplied by 1 − (load/strength)^p; 0: unchanged until failure
     failed: np.ndarray  # (K,) int8: load that broke the bond (see `FAILURES`); 0 if intact or unknown
 
     def check_entries(self) -> None:
@@ -366,7 +366,7 @@ def resting(state: State) -> State:
 
 
 def reset_reached(contacts: Contacts) -> Contacts:
-    """Contacts of an equilibrium: only those that slide now count as having reached the Coulomb limit.
+    """Contacts of an equilibrium: only those that are sliding count as having reached the Coulomb limit.
 
     Sliding contacts whose slip is zero have no friction and have not reached a limit.
     """

@@ -54,7 +54,7 @@ class Envelope(NamedTuple):
 
     @property
     def cones(self) -> list[tuple[float, float]]:
-        """Ranges of angle with negative second-order work, anticlockwise [rad]; the start may be negative."""
+        """Ranges of angle [rad] with negative second-order work, anticlockwise; a range may start below zero."""
         return negative_ranges(self.angle, self.work)
 
     @property
@@ -249,7 +249,7 @@ def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
 
 @readable
 class Localisation(NamedTuple):
-    """Plane with the lowest resistance to a shear band: smallest determinant of the acoustic tensor n·C·n."""
+    """Plane with the lowest resistance to a shear band: its acoustic tensor n·C·n has the smallest determinant."""
 
     normal: np.ndarray  # (dim,) normal of the plane
     determinant: float  # that of the acoustic tensor over that of the isotropic tensor nearest to the moduli [1]
@@ -262,8 +262,8 @@ def localisation(state: Committed, law: Law) -> Localisation:
     C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
     that a band across n may form.
 
-    None of 20,000 random planes of a packing of spheres had a smaller determinant; the smallest of them was 2e-5 larger
-    (`tests/unit/test_envelope.py`).
+    None of 20,000 random planes of a packing of spheres had a smaller determinant; the smallest of their determinants
+    was 2e-5 larger (`tests/unit/test_envelope.py`).
 
     Source
     ------

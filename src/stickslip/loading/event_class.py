@@ -25,7 +25,7 @@ PROBE, TRIED = (
     1e-3,
     10,
 )  # fraction of a strain step for extrapolating forces, and number of contacts tried on the motion ahead
-BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, examined for a contact change
+BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, at which contacts are examined for changes
 NEAREST, ALMOST = 5, 0.99  # number of most mobilised sticking contacts also tried, and their least mobilisation
 RUN, SAMPLE = 20_000, 5  # number of steps of a run that measures a growth rate, and of steps between its samples
 LOW, HIGH = 0.01, 0.5  # kinetic energies between which the growth rate is measured, in units of the largest one
@@ -67,8 +67,8 @@ class Event(NamedTuple):
     participation: float  # participation of the jump, (Σ u²)²/(N Σ u⁴), from 1/N to 1
     opened: int  # contacts that opened
     closed: int  # contacts that closed
-    # root mean square distance, in mean diameters, between the state at the end of the strain step and that of Newton's
-    # method alone in one step; NaN if Newton's method fails
+    # root mean square distance, in mean diameters, between the state at the end of the strain step and the state that
+    # Newton's method alone reaches in one step; NaN if Newton's method fails
     newton_distance: float
     broken: np.ndarray = np.zeros((0, 3), int)  # (B, 3) bonds that broke in the event: grains, index in `FAILURES`
 

@@ -34,7 +34,7 @@ BEND = 0.05  # largest deviation of a continuous motion from the predictions at 
 JUMP = 10.0  # ratio of the motion in a bracket to its prediction, above which it is a jump
 TINY = 1e-4  # overlap that replaces the mean one in a cemented packing without overlaps, in mean diameters
 UNLOADED = 1e-3  # force that replaces the mean one in a cemented packing at rest, in natural units
-STILL = 1e-7  # displacement below which there was no jump, in mean overlaps
+STILL = 1e-7  # displacement, in mean overlaps, below which there was no jump
 BALANCED = 5e-11  # largest unbalanced force, in units of the mean normal force
 ITERATIONS, PATIENCE = 30, 3  # largest number of Newton steps, and of those that leave more than half of the residual
 RESTING = (1e-6, 1e-8, 1e-10)  # residuals, relative to the mean normal force, at which Newton's method follows dynamics
@@ -44,7 +44,7 @@ TIME_STEP = 0.2  # time step of dynamics, in units of the longest stable one
 MOST_STEPS = 500_000  # largest number of steps of dynamics
 # dynamics from an unstable equilibrium: e-foldings of growth, then of decay, and largest number of steps
 E_FOLDS, DECAYS, MOST_KICKED = 40.0, 1000.0, 200_000
-AROUND = 0.3  # distance from an equilibrium about which a packing oscillates endlessly, in mean overlaps
+AROUND = 0.3  # largest distance, in mean overlaps, from an equilibrium about which a packing oscillates endlessly
 MOST_DEPARTURES = 5  # largest number of departures from one unstable equilibrium to another
 GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest frequency
 
@@ -124,7 +124,7 @@ class Point:
 
     @cached_property
     def eigenvalues(self) -> np.ndarray:
-        """Eigenvalues of the supported grains, or of all if only the latter are stable (a contact is about to open)."""
+        """Eigenvalues of the supported grains, or of all if only these are stable (a contact is about to open)."""
         pruned = self.response.eigenvalues
         return (
             self.response.with_all_contacts
@@ -317,7 +317,7 @@ WINDOWS = (3, 4, 5, 6)  # numbers of steps from which the strain of an event is 
 FAR = 6.0  # number of strain steps beyond which no forecast is made
 LEVEL = 0.8  # confidence level of the intervals
 SADDLE, PAIR, CONTACT = "softest eigenvalue", "gap of two real eigenvalues", "motion of contacts ahead"
-# Quantiles of ln(strain left / extrapolated strain left) where the event occurred. Widened by the scatter of the
+# Quantiles of ln(strain left / extrapolated strain left) for events that occurred. Widened by the scatter of the
 # windows, the intervals contain LEVEL of the events in packings that `python -m benchmarks forecast` does not use; for
 # saddle nodes, these are the packings with even numbers in the reference catalogue
 CALIBRATED = {SADDLE: (-1.0, 0.1, 1.4), PAIR: (-0.7, 0.4, 1.7), CONTACT: (-0.45, -0.03, 0.9)}

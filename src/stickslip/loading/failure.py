@@ -38,14 +38,14 @@ DRAG = 0.1  # default drag, in units of the highest frequency
 AT_MOST = 2500  # largest number of coordinates, because each step needs several dense spectra
 MOST_STEPS = 100_000
 COUPLES = 8  # number of pairs of coupled real modes that are stored at each step
-TRIED, DECISIVE = 25, 5  # numbers of contact changes whose spectrum is computed, and of those reported
+TRIED, DECISIVE = 25, 5  # numbers of contact changes for which the spectrum is computed, and that are reported
 CHANGES = ("opens", "closes", "starts to slide", "sticks again")
 TO_BREAK = 20  # least number of default steps up to the first break by linear response
 
 
 @readable(head=lambda step: f"strain {step.strain:.6g}, {pluralize(step.pairs, 'complex pair')}")
 class PathStep(NamedTuple):
-    """End of a strain step, an equilibrium, with the changes during the step."""
+    """Equilibrium at the end of a strain step, and the changes during the step."""
 
     strain: float  # strain since the first state, negative if it decreases [1]
     stress: float  # stress conjugate to the strain: −σ_xy, (σ_yy − σ_xx)/2, pressure or σ_yy [force/length^(dim−1)]
@@ -56,7 +56,7 @@ class PathStep(NamedTuple):
     exponent: float  # largest exponent of growth under the drag, negative if the state is stable [1/time]
     negative: int  # directions of negative stiffness
     touching: int  # contacts
-    sliding: int  # contacts with force at the Coulomb limit
+    sliding: int  # contacts with a force at the Coulomb limit
     loss_ahead: float  # strain at which the linear motion loses a contact and becomes unstable
     couples: np.ndarray  # (K, 3) coupled real modes: mean eigenvalue [1/time²], squared gap [1/time^4], overlap [1]
     changes: np.ndarray  # (C, 3) changes of contacts since the last step: index in CHANGES, and the two grains
@@ -146,7 +146,7 @@ class Failure(NamedTuple):
         return out
 
     def to_dataframe(self):
-        """Curve with a row for each strain step, as a pandas DataFrame."""
+        """Table of the path as a pandas DataFrame, with a row for each strain step."""
         import pandas
 
         names = [name for name, kind in PathStep.__annotations__.items() if kind in (int, float, bool)]

@@ -47,7 +47,7 @@ class Adjustment(NamedTuple):
     largest_force: float  # largest change of a normal or tangential force
     rms_force: float  # root mean square over all forces
     at_limit: int  # contacts at the Coulomb limit
-    moved_to_limit: int  # of these, contacts measured beyond the limit
+    moved_to_limit: int  # number of these contacts that were measured beyond the limit
     opened: tuple[tuple[int, int], ...]  # grains of contacts that carry no force in the balanced state
 
     def __str__(self) -> str:
@@ -144,7 +144,7 @@ class _Network(NamedTuple):
     measured: MeasuredForces
     law: Law
     least: float  # smallest normal force of a contact
-    near: np.ndarray  # (2, P) grains without contact that might overlap
+    near: np.ndarray  # (2, P) pairs of grains without contact that might overlap
     start: np.ndarray  # (D (N + C),) first guess of the changes, in errors
     opened: tuple[tuple[int, int], ...] = ()
     spent: float = 0.0  # chi² of the forces of opened contacts
@@ -332,7 +332,7 @@ class _Directions(NamedTuple):
 
     normal: np.ndarray  # (C, D) from j to i
     across: np.ndarray  # (C, D − 1, D) unit vectors of the components; in a plane n × z
-    twist: np.ndarray  # (C, D) the vectors turn about n by twist · dn when n changes by dn
+    twist: np.ndarray  # (C, D) when n changes by dn, the vectors `across` turn about n by twist · dn
     distance: np.ndarray  # (C,)
 
     @classmethod

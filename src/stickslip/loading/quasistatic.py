@@ -99,7 +99,7 @@ def _way(mode: Mode, sign: Literal[1, -1], state: State) -> Deformation:
 
 
 class Watch:
-    """Check of the steps of a path of quasi-static shear."""
+    """Check of the steps of quasi-static shear."""
 
     def __init__(self, law: Law, slip: bool, modes: bool, choice: str, drag: float | None, way):
         self.way: Callable[[State], Deformation] = way
@@ -173,8 +173,8 @@ class Instability(NamedTuple):
 
     negative: int  # directions of negative stiffness
     pairs: int  # complex pairs
-    at_limit: bool  # contacts at the Coulomb limit keep sliding
-    undamped: bool  # the dashpots of the law are ignored
+    at_limit: bool  # whether contacts at the Coulomb limit are assumed to keep sliding
+    undamped: bool  # whether the dashpots of the law are ignored
 
     def __str__(self) -> str:
         parts = [f"{pluralize(self.negative, 'direction')} of negative stiffness"] if self.negative else []

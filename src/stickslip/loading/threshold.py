@@ -124,7 +124,7 @@ class _Dynamics(NamedTuple):
     """Law, time step and drag of the runs."""
 
     law: Law
-    leg: int  # steps
+    leg: int  # number of steps
     dt: float
     distance: float
     drag: float
@@ -411,7 +411,7 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
     back = wrapped(reduced_cell(end))
     change = np.round(back.cell.vectors @ np.linalg.pinv(end.cell.vectors))
     shift = back.grains.position - end.grains.position
-    # `travel` only needs positions and cell of earlier states
+    # `travel` needs only the positions and the cell of earlier states
     moved = [
         old._replace(
             cell=old.cell._replace(vectors=change @ old.cell.vectors),

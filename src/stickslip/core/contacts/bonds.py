@@ -31,7 +31,7 @@ def add_bond_loads(bonds: Bonds, dim: int, here, vectors, force, torque, virial=
     Parameters
     ----------
     here : `Bodies`
-    vectors : (3, 3) of the cell [length]
+    vectors : (3, 3) cell vectors [length]
     force, torque : (B, 3)
     virial : (3, 3) Σ f ⊗ r of the elastic forces, or None
     """

@@ -31,7 +31,7 @@ AT_LIMIT = 1e-3  # fraction by which the slip of a sliding contact at rest may f
 
 
 class Bodies(NamedTuple):
-    """Grains and walls in common arrays, as expected by kernels."""
+    """Grains and walls in common arrays, as kernels expect them."""
 
     position: np.ndarray  # (B, 3)
     angle: np.ndarray  # (B, 3)

@@ -55,7 +55,7 @@ class Linearisation(NamedTuple):
     fade: np.ndarray  # (C,) factor by which the law shortens the slip as the overlap decreases
     fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
     half: np.ndarray  # (C,) half the overlap, by which lever arms are shorter than R
-    half_mid: np.ndarray  # (C,) half the overlap halfway between the commit and now
+    half_mid: np.ndarray  # (C,) half the overlap at the midpoint between the commit and now
     together: np.ndarray  # (C, 3) change of angle_i + angle_j since the commit, if lever arms are shorter than R
     bond: np.ndarray = np.zeros((1, 3))  # force of bonds on body i, (C, 3), or zeros (1, 3) without bonds
 
@@ -79,7 +79,7 @@ class Linearisation(NamedTuple):
 
 
 def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
-    """Linearisation of every contact, at rest; see `contact_blocks` for the arguments."""
+    """Linearisation of every contact at zero velocity; see `contact_blocks` for the arguments."""
     check_materials(state, law)
     check_memory(memory)
     check_list(state, largest_gap(state, law))
@@ -107,7 +107,7 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 @checked
 @knows_bonds
 def contact_blocks(state: State, law: Law, *, memory: int = HELD):
-    """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
+    """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at zero velocity.
 
     They are exact for any state. At the positions of the commit, a law with `rescaled=True` has only directional
     derivatives; those for a growing overlap are returned.

@@ -22,7 +22,7 @@ MIN_VOLUME_RATIO = 1e-6  # smallest allowed ratio of the volume of a cell after 
 
 
 class Flow(NamedTuple):
-    """Cell deformation and time profiles of a step, written in place."""
+    """Cell deformation and time profiles of a step, updated in place."""
 
     # (8, 3, 3), rows as in `core.h`: the cell's vectors at the positions; L; L predicted at the end of the step, for
     # dashpots; A; effect of half a step of L on a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen; L̇ of
@@ -41,7 +41,7 @@ class Flow(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Frame of reference that moves with the cell, and time profiles of rates; its arrays are written in place."""
+    """Frame of reference that moves with the cell, and time profiles of rates; its arrays are updated in place."""
 
     free: np.ndarray  # (3, 3) bool
     given: np.ndarray  # (3, 3) rates of components that are not free

@@ -165,7 +165,7 @@ def run_batch(
 
 @cache
 def _module():
-    """CuPy, and the compiled kernels."""
+    """CuPy and the compiled kernels."""
     cupy = require("cupy", "gpu")
     try:
         cupy.cuda.runtime.getDeviceCount()

@@ -110,7 +110,7 @@ def _memory_order(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
     control, n = state.control, len(state.grains.radius)
     last = ((control.group >= 0) | control.spring.any(axis=1))[:n]
     single, grid = np.flatnonzero(~last), grid_of(state.cell)
-    # a product by BLAS would wake its threads, see `fields`
+    # a BLAS product would wake the threads of BLAS, see `fields`
     fraction = np.einsum("kb,nk->bn", grid.inverse, state.grains.position[single])
     x = (fraction - np.where(grid.periodic[:, None], np.floor(fraction), 0.0)) * grid.height[:, None]
     x -= x.min(axis=1, initial=np.inf)[:, None]

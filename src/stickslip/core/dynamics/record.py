@@ -103,7 +103,7 @@ class Record(NamedTuple):
 
     @property
     def shear_strain(self) -> np.ndarray:
-        """Shear strain G_xy since the first sample, (T,), displacement along x over distance along y [1]."""
+        """Shear strain G_xy since the first sample, (T,), displacement along x per distance along y [1]."""
         return self.strain[:, 0, 1]
 
     @property

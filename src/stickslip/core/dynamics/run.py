@@ -196,7 +196,7 @@ def run(
     plan, free = make_plan(state, drag, spin_drag, dt, tolerance), movable(state)
     if tolerance > 0 and ((free[:, :3].any() and not drag > 0) or (free[:, 3:].any() and not spin_drag > 0)):
         raise ValueError(
-            "tolerance requires drag on every free component, or the state does not come to rest: add drag"
+            "tolerance requires drag on every free component, without which the state does not come to rest: add drag"
         )
     probes = np.atleast_1d(probes)
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1

@@ -25,7 +25,7 @@ class Bond(NamedTuple):
     stiffness: tuple[float, float, float, float]  # parallel bonds: two per area [force/length³], then zeros
     strength: tuple[float, float, float, float]  # springs: a strain; parallel bonds: two stresses, then zeros
     damping: tuple[float, float, float, float] = _NO
-    fading: int = 0  # p, loads are multiplied by 1 − (load/strength)^p before failure; 0: they are not
+    fading: int = 0  # exponent p: before failure, loads are multiplied by 1 − (load/strength)^p; 0: they are not
     normalized: bool = False  # the first two stiffnesses are divided by the length at rest
     size: float | np.ndarray = 1.0  # radius of a parallel bond in radii of the smaller grain, (K,) in `coefficients`
 

@@ -25,7 +25,7 @@ DAMPING = {
     "velocity": VELOCITY, "mass_velocity": MASS, "viscoelastic": VISCOELASTIC, "tsuji": TSUJI,
     "coeff_restitution": RESTITUTION,
 }  # fmt: skip
-NO_TENSION = 4  # added to the damping model if dashpots must not make a contact pull
+NO_TENSION = 4  # added to the damping model if dashpots must not make a contact attractive
 # properties: lever arms between grains are R − δ/2; rolling resistance, whose dashpot may grow with F_n; twisting,
 # whose coefficients may be multiples of a²; a memory of tangential forces
 LEVER, ROLLING, VISCOUS, TWISTING, SCALED, KEEPS_FORCE = 1, 2, 4, 8, 16, 32
@@ -51,7 +51,7 @@ class Law(NamedTuple):
 
     kind: int
     coulomb: int
-    table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
+    table: np.ndarray  # (materials, materials, parameters), symmetric in the first two indices
     damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, possibly plus NO_TENSION
     properties: int = 0  # sum of flags, which are defined in `laws.properties`
 
@@ -93,7 +93,7 @@ def hertz_mindlin(
         of a head-on collision at any size and speed, with and without `tension` (0: no dashpots), `damping_t` is
         c_t/c_n, and c_n = α(e) √(m_eff F_n/δ), where F_n/δ is that of the spring. "tsuji" is the same with another
         α(e), for which e is only nominal: see the table on the page on contact laws
-    tension : False clips F_n at zero where the dashpot would make the contact pull
+    tension : False clips F_n at zero where the dashpot would make the contact attractive
     rescaled : True shortens the slip as the contact radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0. A growing
         overlap does not change s. Over an increment, s ← f s with f = √(δ/δ_old) before s is rotated, and s grows by
         (1 + f)/2 of the displacement (by all of it with `slip_update="rate"`). Where the memory was committed, forces
@@ -337,7 +337,7 @@ def _names_of_any_sign(law: Law) -> tuple[str, ...]:
 
 
 _DASHPOTS = "gamma_roll", "gamma_twist"
-MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
+MAX_PARAMETER = 1e100  # largest value: parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:

@@ -67,7 +67,7 @@ _ALLOWED_BUILTINS = (float, complex, int, bool, range, len)
 
 
 def _resolve_global(name: str, value, made: dict):
-    """Replacement of a global name used in a user-defined function."""
+    """Replacement for a global name used in a user-defined function."""
     if value is math:
         whole = types.ModuleType("math")
         for key, thing in vars(math).items():
@@ -242,7 +242,7 @@ def custom(
 
 
 def _parameter_values(parameters: dict, given: dict) -> dict:
-    """Parameters in the order of the table."""
+    """Values of all parameters, in the order of the law's table."""
     for name, value in parameters.items():
         if not (isinstance(name, str) and name.isidentifier()) or any(name in allowed for allowed in ROLES.values()):
             raise ValueError(
