@@ -31,7 +31,7 @@ class FileFormat(NamedTuple):
     name: str
     start: bytes = b""  # regular expression for the beginning of readable files
     read: str = ""  # "module.function": path -> {name of a frame: arguments of `packings.from_arrays`}
-    suffix: str = ""  # extension of written files, as in ".pdb"
+    suffix: str = ""  # extension of written files, such as ".pdb"
     write: str = ""  # "module.function": (path, frames) -> notes on data that are not stored
 
 

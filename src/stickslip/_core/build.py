@@ -259,7 +259,7 @@ def build(
     Raises
     ------
     BuildError
-        If there is no compiler, if it fails, or if a file cannot be written. Existing libraries are left unchanged.
+        If there is no compiler, if compilation fails, or if a file cannot be written. Existing libraries are kept.
     """
     start, out = time.perf_counter(), out or folder
     wanted = {"digest": digest(folder), "sanitize": sanitize}

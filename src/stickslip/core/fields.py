@@ -38,7 +38,7 @@ def definitions(kind: type) -> tuple[str, dict[str, str]]:
     except (OSError, TypeError, ValueError):  # not a NamedTuple, or one defined in an interpreter
         return "", {}
     fields = (re.match(r"\s+(\w+): [^#]*#(.*)", line) for line in reversed(lines))
-    return head, {field[1]: field[2] for field in fields if field and field[1] in names}  # the first such line counts
+    return head, {field[1]: field[2] for field in fields if field and field[1] in names}  # the first one counts
 
 
 @cache

@@ -72,7 +72,7 @@ def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = 
 
 
 def _array_of(content: bytes) -> np.ndarray:
-    """Array of an .npy file; raises ValueError, before allocating memory, if it declares more numbers than it has."""
+    """Array of an .npy file; raises ValueError, before allocating memory, if the file declares too many numbers."""
     file = BytesIO(content)
     first, _ = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if first == 1 else np.lib.format.read_array_header_2_0

@@ -15,7 +15,7 @@ from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 FAILURES = "", "tension", "shear", "bending", "twisting", "compression"  # loads that break a bond
-MAX_IN_CUBE = 100  # most centres in a cube whose edge is the smallest radius; without overlaps, it contains at most one
+MAX_IN_CUBE = 100  # largest number of centres in a cube whose edge is the smallest radius; without overlaps, one
 
 
 @readable(head=lambda value: _describe_grains(value))
@@ -130,7 +130,7 @@ class Control(NamedTuple):
     follows: np.ndarray  # (N + W, 6) column of `course` that a rate follows, −1: none
     cell_follows: np.ndarray  # (3, 3) the same for the cell
     spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero if there is none [force/length]
-    anchor: np.ndarray  # (N + W, 3) position of load points without displacement [length]
+    anchor: np.ndarray  # (N + W, 3) position of load points at zero displacement [length]
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
     def check_entries(self) -> None:
@@ -152,7 +152,7 @@ class Bonds(NamedTuple):
     image: np.ndarray  # (K, 3) int16
     intact: np.ndarray  # (K,) bool: not broken
     length: np.ndarray  # (K,) length at rest [length]
-    arm: np.ndarray  # (K,) fraction of the bond length from j to the point of action of the shear force
+    arm: np.ndarray  # (K,) position of the point at which the shear force acts, from 0 at j to 1 at i
     direction: np.ndarray  # (K, 3) unit vector from j to i at rest, rotated with j
     turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since the rest configuration
     angle_i: np.ndarray  # (K, 3) angle of i to which `direction` and `turn` belong [rad]
@@ -307,7 +307,7 @@ def flat_walls(
 def box(
     size: Numbers = (1.0, 1.0, 1.0), periodic: tuple[bool, ...] | list[bool] | np.ndarray = (False,) * 3, dim: int = 3
 ) -> Cell:
-    """Cell without walls.
+    """Orthogonal or skewed cell, periodic along chosen vectors.
 
     Parameters
     ----------
@@ -492,7 +492,7 @@ def check(state: State) -> None:
 
 
 def _check_space(state: State) -> None:
-    """Raise ValueError if cell or walls are degenerate."""
+    """Raise ValueError if the cell or a wall is degenerate."""
     walls, cell = state.walls, state.cell
     if not len(state.grains.radius):
         raise ValueError("a state needs at least one grain")
@@ -678,7 +678,7 @@ def _rows(state: State):
 
 
 def _draw_svg(state: State) -> str:
-    """SVG of the 3000 grains with the largest z, viewed along z."""
+    """SVG of at most 3000 grains, those with the largest z, viewed along z."""
     r, radius = state.grains.position, state.grains.radius
     if not len(radius) or not np.isfinite(r).all():
         return ""

@@ -10,7 +10,7 @@ from .text import read_text
 
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 _DECIMAL_POINT = re.compile(r"^[+-]?\d*\.\d+(?:[eE][+-]?\d+)?$")
-_GROUPED = {  # numbers with marks between groups of three digits
+_GROUPED = {  # numbers with separators between groups of three digits
     marks: re.compile(rf"([+-]?\d{{1,3}}(?:[{marks}]\d{{3}})+)([{decimal}]\d+)?$")
     for marks, decimal in ((",", "."), (".", ","), (" '’\u00a0\u2009\u202f", ".,"))
 }

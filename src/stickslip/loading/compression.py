@@ -26,7 +26,7 @@ DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, in sma
 RESOLVED = 1e3  # smallest force of such a contact, in units of the tolerance
 SHARE = 0.15  # time step, in units of the largest stable one for such a contact
 AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, relative to that of such a contact
-PATIENCE = 50  # reports at the last of these forces after which it is tried anyway: loose grains come to rest slowly
+PATIENCE = 50  # reports at the last of these forces after which it is tried anyway, as loose grains come to rest slowly
 CRITICAL = 4.0  # drag of grains and cell, times the time scale
 BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and largest number of steps
 STEPS = 20_000_000  # largest number of time steps of a compression
@@ -161,7 +161,7 @@ def compression_scales(start: State, law: Law, pressure: float, tolerance: float
 
 
 def _pair(start: State, overlap: float) -> State:
-    """Two touching grains of the mean radius and the smallest mass of a packing."""
+    """Two touching grains with the mean radius and the smallest mass of a packing."""
     grains, dim = start.grains, start.cell.dim
     radius, mass = grains.radius.mean(), grains.mass.min()
     i0 = (grains.inertia / (grains.mass * grains.radius**2)).min()
@@ -315,7 +315,7 @@ class _Scales(NamedTuple):
     """Units of a packing of disks, all 1 by default."""
 
     length: float  # sum of the smallest and the largest radius [length]
-    mass: float  # mass of a disk of that diameter [mass]
+    mass: float  # mass of a disk with this diameter [mass]
     time: float  # √(mass/kn) [time]
 
 

@@ -75,7 +75,7 @@ class Event(NamedTuple):
 
 @readable(head=lambda steps: pluralize(len(steps.strain), "strain step"))
 class StrainStep(NamedTuple):
-    """Predictors at the beginning of each strain step of a path; arrays (S,) over steps."""
+    """Predictors at the beginning of each strain step of a path, as arrays (S,)."""
 
     strain: np.ndarray  # counted from the first state [1]
     softest: np.ndarray  # smallest real eigenvalue λ_min [1/time²]
@@ -104,7 +104,7 @@ class Events(NamedTuple):
 class Break(NamedTuple):
     """Interruption of a path: the points around it."""
 
-    history: list[Point]  # points of the path before it, since the last event
+    history: list[Point]  # points of the path before the interruption, since the last event
     last: Point  # last stable point, in the finer bracket
     upper: float  # upper end of the finer bracket
     before: Point  # last point of the path
@@ -144,7 +144,7 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
     elif kind is EventKind.UNRESOLVED and event.beyond is not None and event.beyond.oscillates:
         kind = EventKind.PAIR
     contacts = event.last.state.contacts
-    # growth rate of the unstable equilibrium, else of the switched state, else of the motion
+    # growth rate of the unstable equilibrium or, without one, of the switched state or, without one, of the motion
     if event.beyond is not None:
         growth = float(event.beyond.exponents.max())
     elif values is not None:

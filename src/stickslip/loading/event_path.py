@@ -285,7 +285,7 @@ def depart(point: Point) -> tuple[Point | None, bool]:
 
 
 def fall(point: Point, strain: float) -> Point | None:
-    """Point to which dynamics leads from the state of another point at an advanced strain.
+    """Point to which dynamics leads from another point after its strain has been changed.
 
     If dynamics does not come to rest, the result is the equilibrium about which it oscillates; None if there is none.
     """
@@ -377,7 +377,7 @@ def forecast(signs: Signs) -> list[Forecast]:
 
 
 def extrapolations(signs: Signs, basis: str) -> tuple[str, np.ndarray]:
-    """Remaining strains from the last step, extrapolated from several windows; none if most windows give none."""
+    """Strains that remain after the last step, extrapolated from several windows; empty if most windows give none."""
     step = float(np.diff(signs.strain[-2:]).sum())
     found = {SADDLE: _to_saddle_node, PAIR: _to_pair, CONTACT: _to_loss}[basis](signs)
     left = np.array([value for value in found if 0 < value <= FAR * step])
@@ -394,7 +394,7 @@ def _with_interval(of: str, basis: str, made: float, left: np.ndarray) -> Foreca
 
 
 def _to_saddle_node(signs: Signs) -> list[float]:
-    """Strains to the zero of the softest eigenvalue, with γ = γ_c − A λ² − B λ³ in each window."""
+    """Strains to the zero of the softest eigenvalue, from fits of γ = γ_c − A λ² − B λ³ in each window."""
     found = []
     for width in WINDOWS:
         strain, value = signs.strain[-width:], signs.softest[-width:]

@@ -161,7 +161,7 @@ class Search:
         self.least = smallest * point.judge.overlap  # smallest displacement of an event
         self.events: list[Event] = []
         self.history = [point]  # since the last event
-        self.loss: Break | None = None  # strain at which stability was lost, if the path continued
+        self.loss: Break | None = None  # interruption at which stability was lost, if the path continued
 
     def advance(self, goal: float) -> bool:
         """Follow the path to a strain; return False if dynamics does not come to rest."""

@@ -40,7 +40,7 @@ MOST_STEPS = 100_000
 COUPLES = 8  # number of pairs of coupled real modes that are stored at each step
 TRIED, DECISIVE = 25, 5  # numbers of contact changes for which the spectrum is computed, and that are reported
 CHANGES = ("opens", "closes", "starts to slide", "sticks again")
-TO_BREAK = 20  # least number of default steps up to the first break by linear response
+TO_BREAK = 20  # least number of default steps before the first break that linear response predicts
 
 
 @readable(head=lambda step: f"strain {step.strain:.6g}, {pluralize(step.pairs, 'complex pair')}")
@@ -57,7 +57,7 @@ class PathStep(NamedTuple):
     negative: int  # directions of negative stiffness
     touching: int  # contacts
     sliding: int  # contacts with a force at the Coulomb limit
-    loss_ahead: float  # strain at which the linear motion loses a contact and becomes unstable
+    loss_ahead: float  # strain at which the linear motion loses a contact and the state becomes unstable
     couples: np.ndarray  # (K, 3) coupled real modes: mean eigenvalue [1/time²], squared gap [1/time^4], overlap [1]
     changes: np.ndarray  # (C, 3) changes of contacts since the last step: index in CHANGES, and the two grains
     events: tuple[Event, ...]  # discontinuities since the last step; strains without the sign of the path
@@ -194,7 +194,7 @@ def shear_to_failure(
         unloading. Bonds that break on the way are events
     mode, reverse : deformation of the cell (see `aqs`); with "first-…", reverse=True makes the strain decrease
     step : largest strain step; default 0.02 mean overlaps divided by the mean diameter, rounded to one digit; with
-        bonds, at most a twentieth of the strain at which the first one breaks by linear response
+        bonds, at most a twentieth of the strain at which linear response predicts the first break
     limit : strain at which the path ends even without an instability; default 500 steps
     drag : ν of the dynamics that determine events (see `find_events`); default a tenth of the highest
         frequency [1/time]
@@ -289,7 +289,7 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
 
 
 def _break_ahead(state: State, law: Law, way: Deformation) -> float:
-    """Longest step, a fraction of the strain to the first break by linear response; infinite without intact bonds."""
+    """Longest step, a fraction of the strain at which linear response predicts a break; infinite without bonds."""
     if not state.bonds or not state.bonds.intact.any():
         return np.inf
     dim = state.cell.dim

@@ -309,7 +309,7 @@ def _minimise(state: State, law: Law, scales: Scales) -> State:
 
 
 def _least(state: State, law: Law, tolerance: float | None) -> float:
-    """Tolerance of a balance of forces, by default that of `equilibrate` without round-off [force]."""
+    """Tolerance for the balance of forces, by default that of `equilibrate` without round-off [force]."""
     return BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
 
 

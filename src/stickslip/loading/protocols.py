@@ -400,7 +400,7 @@ class Released(NamedTuple):
     constant: tuple[float, float]  # M at the snapshots before and after the fastest Im λ had changed by 1 %, or NaN
     turn_time: np.ndarray  # (L,) start times of single turns of the motion while M is within FUNNEL [time]
     turns: np.ndarray  # (L, TURN, H, 3) displacements of the grains that are not rattlers [length]
-    close_time: np.ndarray  # (K,) times of all samples of a few turns [time]
+    close_time: np.ndarray  # (K,) times of all samples in a few turns [time]
     close_msd: np.ndarray  # (K,) [length²]
     strain: float = np.nan  # strain of the state, if given by the caller [1]
 

@@ -195,7 +195,7 @@ def instability(modes: Spectrum, state: State, law: Law, drag: float | None = No
 
 
 def branch_distance(start: Point, end: Point) -> float:
-    """Distance of a point from the end of the path that smaller steps follow from another point [length].
+    """Distance of the point `end` from the state that smaller steps from `start` reach [length].
 
     Returns
     -------

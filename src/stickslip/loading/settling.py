@@ -171,12 +171,12 @@ def servo_mass(state: State, pressure: float, scales: Scales, rate: float = 0.0)
 
 @readable
 class SlowRun(NamedTuple):
-    """Slow run over T load steps."""
+    """Slow dynamics over T load steps."""
 
     time: float  # duration of a whole leg [time]
     load: np.ndarray  # (T,) load at the end of each step, in completed legs
     states: tuple[State, ...]
-    kinetic_energy: np.ndarray  # (T,) largest during each step [energy]
+    kinetic_energy: np.ndarray  # (T,) largest kinetic energy during each step [energy]
 
 
 @checked
@@ -259,7 +259,7 @@ class Deformation(NamedTuple):
 
 @checked
 def deformation(mode: Mode = "simple", dim: Literal[2, 3] = 3, sign: Literal[1, -1] = 1) -> Deformation:
-    """Deformation by its name.
+    """Deformation of the cell with a given name.
 
     Examples
     --------

@@ -54,7 +54,7 @@ class Frame(NamedTuple):
     place: np.ndarray  # (N,) position of each grain in memory
     grain_mass: np.ndarray  # (N,)
     made: np.ndarray  # (3, 3) vectors of the cell for which the list of contacts was built
-    clock: np.ndarray  # (1,) time, accumulated step by step, so a continued run has bitwise identical courses
+    clock: np.ndarray  # (1,) time, accumulated step by step, so a continued run has bitwise identical profiles
     reach: np.ndarray  # (1,) distance within which pairs were selected
     widest: float  # largest sum of two radii
 

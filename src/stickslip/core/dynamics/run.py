@@ -49,7 +49,7 @@ class Leg(NamedTuple):
     state: State
     law: Law
     dt: float  # [time]
-    steps: int  # number of steps after the state
+    steps: int  # number of steps from the state
     samples: int = 1  # number of returned states, evenly spaced, the last one at the end
     drag: float = 0.0  # [1/time]
     spin_drag: float | None = None  # [1/time], if different from drag; not in LAMMPS

@@ -76,7 +76,7 @@ def restore_kind(kind: int, about: dict) -> Kind:
     Raises
     ------
     ValueError
-        If neither the law nor another with the same text has been created.
+        If neither the law nor another law with the same text has been created.
     """
     if kind in USER_LAWS:
         return Kind(kind)

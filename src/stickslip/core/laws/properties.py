@@ -46,7 +46,7 @@ MODELS = {"constant": ("mu_roll", "gamma_roll"), "viscous": ("gamma_roll",), "sp
 
 @checked
 def with_lever(law: Law, arm: Annotated[str, one_of(*ARMS)]) -> Law:
-    """Law with other lever arms of the tangential force, T_i = −a_i n × F_t.
+    """Law with chosen lever arms of the tangential force, T_i = −a_i n × F_t.
 
     The surfaces move relative to each other with v_t = P v − (a_i ω_i + a_j ω_j) × n. With a_i = R_i − δ/2, the arms of
     two grains add up to their distance, so that contacts conserve angular momentum, and two grains that rotate as one
