@@ -11,7 +11,7 @@ Packings and states
 Forces, equilibrium, dynamics
     Law         a contact law with its parameters
     forces, accept      evaluate contact forces; commit the memory of the contacts
-    FREE, HELD, FROZEN      treatment of this memory in an evaluation of forces
+    FREE, HELD, FROZEN      treatment of contact memory in an evaluation of forces
     equilibrate, newton, relax      find an equilibrium
     Outcome, Status, NotInEquilibriumError      outcome of a solver
     run         integrate the equations of motion

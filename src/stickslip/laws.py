@@ -24,7 +24,7 @@ Bonds, which act in addition to a contact law; `packings.bonded` makes them
 
 User-defined laws
     custom              a law from Python functions of scalars
-    from_file           the same from a Python file
+    from_file           a law from a Python file
     LawWarning          warning about an unusual property of a user-defined law
 
 Dashpots

@@ -31,7 +31,7 @@ Force network of a state, or a measured one
 
 Equilibrium
     unbalanced_forces   generalised force on every body
-    residual            the largest of them
+    residual            largest unbalanced force
     imbalance, BALANCED_BELOW   the residual divided by the mean contact force, and its limit for a verdict
     likely_causes       likely reasons why forces do not balance
 

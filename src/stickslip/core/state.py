@@ -86,7 +86,7 @@ class Contacts(NamedTuple):
     mode: np.ndarray  # (C,) int8: OPEN, STICK or SLIDE
     pair: np.ndarray  # (C, 3) [length]
     roll: np.ndarray  # (C, 3) [length]
-    reached: np.ndarray  # (C,) bool: has been at the Coulomb limit since it closed
+    reached: np.ndarray  # (C,) bool: whether the contact has been at the Coulomb limit since it closed
     origin: np.ndarray  # (N + W, 3) [length]
     skin: float  # [length]
     gap: float  # largest gap across which pairs are listed even without the skin, as some laws require [length]
@@ -122,13 +122,13 @@ class Control(NamedTuple):
     gravity: np.ndarray  # (3,) [length/time²]
     group: np.ndarray  # (N + W,) number of the rigid group of each body, −1 for none
     cell_free: np.ndarray  # (3, 3) bool: components of the cell's velocity gradient that follow the stress
-    cell_rate: np.ndarray  # (3, 3) rates of the other components [1/time]
+    cell_rate: np.ndarray  # (3, 3) rates of components that do not follow the stress [1/time]
     stress: np.ndarray  # (3, 3) target where the cell is free, compression positive [force/length^(dim−1)]
     cell_mass: float  # M, inertia of the cell [mass]; 0: the mass of all grains
     knots: np.ndarray  # (K,) [time], increasing
     course: np.ndarray  # (K, C) factors of rates, or displacements of load points, one column per course
     follows: np.ndarray  # (N + W, 6) column of `course` that a rate follows, −1: none
-    cell_follows: np.ndarray  # (3, 3) the same for the cell
+    cell_follows: np.ndarray  # (3, 3) column of `course` that a component of `cell_rate` follows, −1: none
     spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero if there is none [force/length]
     anchor: np.ndarray  # (N + W, 3) position of load points at zero displacement [length]
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none

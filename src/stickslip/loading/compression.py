@@ -23,10 +23,10 @@ from .packing import DENSEST, balance, check_radii, frictionless, packing_info, 
 
 LOOSE = {2: 0.72, 3: 0.50}  # packing fractions at the start, below those of random loose packings
 DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, in smallest radii
-RESOLVED = 1e3  # smallest force of such a contact, in units of the tolerance
-SHARE = 0.15  # time step, in units of the largest stable one for such a contact
-AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, relative to that of such a contact
-PATIENCE = 50  # reports at the last of these forces after which it is tried anyway, as loose grains come to rest slowly
+RESOLVED = 1e3  # smallest force of a contact that carries the pressure, in units of the tolerance
+SHARE = 0.15  # time step, in units of the largest stable one for a contact that carries the pressure
+AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, relative to F in `Scales`
+PATIENCE = 50  # reports at the last level after which Newton's method is tried anyway: loose grains come to rest slowly
 CRITICAL = 4.0  # drag of grains and cell, times the time scale
 BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and largest number of steps
 STEPS = 20_000_000  # largest number of time steps of a compression
@@ -315,7 +315,7 @@ class _Scales(NamedTuple):
     """Units of a packing of disks, all 1 by default."""
 
     length: float  # sum of the smallest and the largest radius [length]
-    mass: float  # mass of a disk with this diameter [mass]
+    mass: float  # mass of a disk of the diameter `length` [mass]
     time: float  # √(mass/kn) [time]
 
 

@@ -53,13 +53,13 @@ class Event(NamedTuple):
     exponent: float  # p of (γ_c − γ)^p for λ_min or, for pairs, Re λ − (Im λ/drag)²; see `fit_power`; NaN if flat
     exponent_error: float  # standard error of the exponent
     distances: np.ndarray  # (K,) strains before the event, step · 8^(−k)
-    softest: np.ndarray  # (K,) smallest real eigenvalue λ_min there [1/time²]
+    softest: np.ndarray  # (K,) smallest real eigenvalue λ_min at these distances [1/time²]
     re_pair: np.ndarray  # (K,) Re λ of the fastest-growing pair, NaN without a pair [1/time²]
-    growth: np.ndarray  # (K,) growth rate |Im √λ| of that pair without drag, 0 without a pair [1/time]
+    growth: np.ndarray  # (K,) growth rate |Im √λ| of the fastest-growing pair without drag, 0 without a pair [1/time]
     trigger: tuple[int, int]  # grains of the contact whose sliding or opening starts the event, or (−1, −1)
-    mobilisation: float  # |F_t|/(μ F_n) of that contact in the last stable state, or NaN
-    # smallest λ or, for pairs, Re λ − (Im λ/drag)² of the last stable state with that contact sliding or open, which
-    # is negative (unstable); NaN without such a contact [1/time²]
+    mobilisation: float  # |F_t|/(μ F_n) of the triggering contact in the last stable state, or NaN
+    # smallest λ or, for pairs, Re λ − (Im λ/drag)² of the last stable state with the triggering contact sliding or
+    # open, which is negative (unstable); NaN without a triggering contact [1/time²]
     switched: float  # [1/time²]
     growth_rate: float  # initial growth rate of the instability under the drag [1/time]
     stress_drop: float  # change of σ_xy divided by the pressure before the event; positive if −σ_xy decreases

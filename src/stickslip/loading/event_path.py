@@ -312,7 +312,7 @@ def settle(point: Point) -> Point:
 
 
 COUPLED = 0.5  # overlap of the modes of two real eigenvalues above which the two are followed
-SAME = 0.05  # largest relative change of their mean from one step to the next
+SAME = 0.05  # largest relative change of the mean of the two from one step to the next
 WINDOWS = (3, 4, 5, 6)  # numbers of steps from which the strain of an event is extrapolated
 FAR = 6.0  # number of strain steps beyond which no forecast is made
 LEVEL = 0.8  # confidence level of the intervals

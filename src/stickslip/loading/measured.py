@@ -43,11 +43,11 @@ class Adjustment(NamedTuple):
     position_error: float  # mean error of a coordinate, given or estimated [length]
     force_error: float  # mean error of a normal force, given or estimated [force]
     largest_move: float  # largest displacement of a coordinate
-    rms_move: float  # root mean square over all coordinates
+    rms_move: float  # root mean square displacement over all coordinates
     largest_force: float  # largest change of a normal or tangential force
-    rms_force: float  # root mean square over all forces
+    rms_force: float  # root mean square change over all forces
     at_limit: int  # contacts at the Coulomb limit
-    moved_to_limit: int  # number of these contacts that were measured beyond the limit
+    moved_to_limit: int  # contacts at the limit that were measured beyond it
     opened: tuple[tuple[int, int], ...]  # grains of contacts that carry no force in the balanced state
 
     def __str__(self) -> str:

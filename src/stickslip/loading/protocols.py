@@ -26,7 +26,7 @@ SAME_PAIR = 0.5  # overlap of modes above which pairs at neighbouring loads are 
 # range of M in which growth is fitted, between noise and the first change of the spectrum [smallest diameter²]
 WINDOW = (1e-22, 1e-11)
 CHANGED = 0.01  # relative change of Im λ of the fastest pair beyond which the spectrum is not constant
-FUNNEL = (1e-17, 1e-13)  # range of M, in the same unit, in which single turns of trajectories are saved
+FUNNEL = (1e-17, 1e-13)  # range of M [smallest diameter²] in which single turns of trajectories are saved
 LEAST, DURATION, STEP, VELOCITY = 5e4, 6e5, 0.1, 1e-13  # defaults of `release`, in natural units
 TURN, TURNS = 11, 16  # samples per turn, turns per chunk
 KEPT = 20_000  # largest number of saved samples of a time series

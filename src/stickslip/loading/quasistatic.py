@@ -27,7 +27,7 @@ from .protocols import Equilibrium, Protocol
 from .settling import Deformation, Mode, deformation
 
 STEADY = 0.2  # relative change of the motion per strain between steps below which no other check is needed
-LOOSE = 0.2  # the same for the deviation of a step's motion from the linear prediction
+LOOSE = 0.2  # relative deviation of a step's motion from the linear prediction below which no other check is needed
 HALVINGS = 4  # largest number of halvings of a step in which grains do not move as linear responses predict
 BALANCED = 1e-9  # under a stress: default tolerance, in units of the normal force on a grain
 

@@ -31,7 +31,7 @@ LEVELS = (1e-2, 1e-3, 1e-4)
 REST, MORE = (
     1e-6,
     20_000,
-)  # if it fails at all of them: the force at which dynamics ends, and the largest number of time steps
+)  # if Newton's method fails at all of these levels: the force at which dynamics ends, and the largest number of steps
 SETTLING_DRAG = 2.0  # drag times the time scale: the softest motions come to rest soonest at critical drag
 OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, in units of the pressure
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two checks of the forces, and largest number in a load step

@@ -60,7 +60,7 @@ class KineticThreshold(NamedTuple):
     duration: float  # duration of a run [time]
     distance: float  # distance that counts as sliding, as in `travel`
     lasting: np.ndarray  # (L, K) number of runs that lasted: they slid and continued for another `duration`
-    lasting_threshold: np.ndarray  # (K,) the same for runs that last: the kinetic threshold proper
+    lasting_threshold: np.ndarray  # (K,) load at which half of the runs last: the kinetic threshold proper
     lasting_interval: np.ndarray  # (K, 2)
     lasting_width: np.ndarray  # (K,)
 

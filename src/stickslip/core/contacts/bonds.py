@@ -7,8 +7,8 @@ shear force acts at a fraction α of r from j (`arm`), where i is displaced by u
 
     F = k_n (|r| − r₀) n + k_s u × n,    M = k_b β + k_ψ ψ n + α r × (k_s u × n);
 
-those on i are −F and −k_b β − k_ψ ψ n + (1 − α) r × (k_s u × n). With α = 1/2 they are the loads of `bpm/rotational` in
-LAMMPS. Dashpots oppose the rates of the same deformations. The loads follow from the present configuration, so bonds
+those on i are −F and −k_b β − k_ψ ψ n + (1 − α) r × (k_s u × n). With α = 1/2, they are the loads of `bpm/rotational`
+in LAMMPS. Dashpots oppose the rates of the same deformations. The loads follow from the present configuration, so bonds
 need no trial memory; committing them only updates their reference to the present rotations.
 
 Source

@@ -37,9 +37,9 @@ class Linearisation(NamedTuple):
     turn: np.ndarray  # (C, 3) Δρ since the commit
     slip: np.ndarray  # (C, 3) current slip before truncation at the Coulomb limit
     closed: np.ndarray  # (C,) 1 if the contact touches, else 0
-    remembers: np.ndarray  # (C,) 1 if it already touched when the memory was committed
-    slides: np.ndarray  # (C,) 1 if it slides
-    weighted: np.ndarray  # (C,) 1 if it keeps sliding in three dimensions, so that the slip may turn
+    remembers: np.ndarray  # (C,) 1 if the contact already touched when the memory was committed
+    slides: np.ndarray  # (C,) 1 if the contact slides
+    weighted: np.ndarray  # (C,) 1 if the contact keeps sliding in three dimensions, so that the slip may turn
     force_n: np.ndarray  # (C,) F_n
     slope_n: np.ndarray  # (C,) dF_n/dδ
     secant: np.ndarray  # (C,) φ/|u|
@@ -53,7 +53,7 @@ class Linearisation(NamedTuple):
     limit: np.ndarray  # (C,) Coulomb limit of the tangential force
     mu: np.ndarray  # (C,) derivative of the limit with respect to F_n
     fade: np.ndarray  # (C,) factor by which the law shortens the slip as the overlap decreases
-    fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
+    fading: np.ndarray  # (C,) derivative of `fade` with respect to the overlap
     half: np.ndarray  # (C,) half the overlap, by which lever arms are shorter than R
     half_mid: np.ndarray  # (C,) half the overlap at the midpoint between the commit and now
     together: np.ndarray  # (C, 3) change of angle_i + angle_j since the commit, if lever arms are shorter than R

@@ -75,7 +75,7 @@ def memory_tangent(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Memory f a + κ d (C, 3), its derivative (C, 3, K), and its derivative with respect to `reach` (C, 3).
 
-    Here a = T `before` and d = (1 + f)/2 T `way`.
+    Here, a = T `before` and d = (1 + f)/2 T `way`.
 
     Parameters
     ----------

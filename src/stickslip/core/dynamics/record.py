@@ -49,7 +49,7 @@ class Record(NamedTuple):
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero if there are none [1]
     momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
     coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included [1]
-    held_coordination: np.ndarray  # (T,) the same mean without rattlers and their contacts: see `measure.coordination`
+    held_coordination: np.ndarray  # (T,) mean number of contacts without rattlers: see `measure.coordination`
     rattlers: np.ndarray  # (T,) number of rattlers
     cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]
     group_position: np.ndarray  # (T, G, 3) centre of mass of each rigid group [length]

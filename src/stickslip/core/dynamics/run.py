@@ -124,9 +124,9 @@ def run(
 
     The scheme is of second order in dt even with friction. Where contacts with dashpots close or open, its order is 3/2
     for `viscoelastic` damping, which starts as √δ v, and 1 for `velocity` and `mass_velocity` damping, which act in
-    full from the first touch. With `slip_update="rate"` its order is 1. The given state is not modified. If `tolerance`
-    > 0, the run stops early once both the largest unbalanced force (or torque/R) and the largest drag force are below
-    it.
+    full from the first touch. With `slip_update="rate"`, its order is 1. The given state is not modified. If a positive
+    `tolerance` is given, the run stops early once both the largest unbalanced force (or torque/R) and the largest drag
+    force are below it.
 
     Parameters
     ----------

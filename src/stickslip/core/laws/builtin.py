@@ -168,7 +168,7 @@ def jkr(
     """F_n = k_n a³/R_eff − √(6π w k_n a³), δ = a²/R_eff − √(8πwa/(3k_n)); F_t = −k_t a s, |F_t| ≤ μ |F_n + 3πwR_eff|.
 
     Adhesive elastic spheres. Contacts form at zero gap, attract with at most 1.5 π w R_eff, and pull off at a gap of
-    (27 c²/256)^{1/3}/R_eff, c = 8πwR_eff²/(3k_n). Without adhesion this is `hertz_mindlin_reff`.
+    (27 c²/256)^{1/3}/R_eff, c = 8πwR_eff²/(3k_n). Without adhesion, this is `hertz_mindlin_reff`.
 
     Parameters
     ----------

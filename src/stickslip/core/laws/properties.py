@@ -229,7 +229,7 @@ def angular_columns(law: Law) -> int:
     return COLUMNS + twisted if resists_rolling(law) or law.properties & LEVER else 0
 
 
-HALVINGS = 60  # number of bisections of the interval in which D is sought; they reach round-off
+HALVINGS = 60  # number of bisections of the interval in which D is sought, enough to reach round-off
 _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 
 
