@@ -74,7 +74,7 @@ def compressed(
     pressure : float [force/length^(dim−1)]
     mu : friction coefficient, not negative, of the law `hertz_mindlin(mu=mu)`; give this or a law
     dim, radius, mass, seed, tolerance : as in `jammed`
-    law : Law of the compression
+    law : Law that acts during the compression
     report : called as report(stage, share, text) during the compression, with the share of the pressure that was
         reached, and a text that gives pressure, unbalanced force, contact number and packing fraction
 

@@ -89,8 +89,8 @@ def response_envelope(
 
     Parameters
     ----------
-    state : in equilibrium, in a fully periodic cell, without walls or rigid groups; its control is ignored
-    directions : int, evenly spaced in angle
+    state : State in equilibrium, in a fully periodic cell, without walls or rigid groups; its control is ignored
+    directions : int, number of directions, evenly spaced in angle
     control : "strain" imposes all components of the strain, "stress" all components of the stress
     plane : two symmetric (dim, dim) tensors that span the plane; default: yy and xx for disks, yy and (xx + zz)/√2 for
         spheres, the planes of biaxial and triaxial tests along y

@@ -188,7 +188,7 @@ def shear_to_failure(
 
     Parameters
     ----------
-    state : packing at rest in a periodic cell, without walls and loads
+    state : packing at rest in a periodic cell, without walls or loads
     until : "first-pair", the birth of a complex pair; "first-event", a discontinuity of the path, such as the break of
         a bond; "first-break", the first break of a bond; or a strain, negative for shear in the opposite direction or
         unloading. Bonds that break on the way are events

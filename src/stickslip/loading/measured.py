@@ -75,7 +75,7 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
 
     Parameters
     ----------
-    measured : from `read_forces`
+    measured : positions and contact forces, from `read_forces`
     law : Law with friction, of one material, whose forces follow from overlap and slip
     density : float or (N,), mass per area of a disk or volume of a sphere [mass/length²] or [mass/length³]
 

@@ -482,7 +482,7 @@ def release(
 
     Parameters
     ----------
-    least, duration, dt : default: 5e4, 6e5 and 0.1 of the natural unit of time (see `relax`) [time]
+    least, duration, dt : by default, 5e4, 6e5 and 0.1 natural units of time (see `relax`) [time]
     seed, velocity : seed and standard deviation of the initial random velocities in all resisted modes, by default
         1e-13 smallest diameters per natural unit of time [length/time]
     report : called as report(stage, share done, text)

@@ -59,7 +59,7 @@ def read_packing(path: str | Path, **options) -> Reading:
     Warns
     -----
     PackingWarning
-        if something in the packing was changed.
+        If something in the packing was changed.
 
     Examples
     --------

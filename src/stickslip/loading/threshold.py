@@ -153,7 +153,7 @@ def kinetic_threshold(
         natural unit of time (see `relax`) [length/time]
     realizations : number of runs for each load and kick
     duration, dt : duration and time step of a run [time]; a run that slides continues for another duration
-    loads : loads of the path to be tried; default: all
+    loads : loads of the path that are tried; default: all
     distance : distance that counts as sliding: shear strain of a cell whose shear follows a stress; or else
         displacement of a plate (rigid groups that are free to move) in mean diameters; or else median displacement of
         all grains

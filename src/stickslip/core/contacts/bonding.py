@@ -30,7 +30,7 @@ def bonded(
 
     Parameters
     ----------
-    bond : from `laws.spring_bond`, `laws.beam_bond` or `laws.parallel_bond`
+    bond : law of the bonds, from `laws.spring_bond`, `laws.beam_bond` or `laws.parallel_bond`
     within : two grains are bonded if their surfaces are at most this far apart; not more than half the smallest height
         of a periodic cell [length]
     pairs : (K, 2) numbers of the grains to bond instead, between their nearest periodic images
