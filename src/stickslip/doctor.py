@@ -215,7 +215,7 @@ def pushed_array(law: Law) -> State:
 
 
 def measure_pair(state: State, law: Law) -> dict[str, float]:
-    """The fastest-growing complex pair of the exact Jacobian."""
+    """Fastest-growing complex pair of the exact Jacobian."""
     modes = spectrum(state, law)
     if not len(modes.pairs):
         return {}
@@ -238,7 +238,7 @@ def measure_array(law: Law) -> dict[str, float | str]:
 
 
 def measure(report: Report = silent, *, with_wings: bool = True) -> dict[str, float | str | Selfcheck]:
-    """Measured numbers by name, those of wings with reference values; errors are stored under the key `PROBLEM`."""
+    """Measured numbers by name, those of wings with expected values; errors are stored under the key `PROBLEM`."""
     law = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1)
     numbers: dict[str, float | str | Selfcheck] = {}
     groups: dict[str, Callable[[], dict]] = {
@@ -266,7 +266,7 @@ TOLERANCES = {
 
 
 def compare(measured: dict, stored: dict) -> list[Check]:
-    """Compare measured numbers with the stored ones, or with the reference values that wings give.
+    """Compare measured numbers with the stored ones or, for wings, with the expected values that they provide.
 
     Bits are also compared, but they are only guaranteed on the same type of machine and may differ on another
     processor or with another build of the core. Bits that differ are reported but do not count as a failure.
