@@ -1,4 +1,4 @@
-"""A laboratory for frictional grains: build packings, load them, know when and how they slip.
+"""A laboratory for frictional grains: build packings, load them, and know when and how they slip.
 
 Packings and states
     State, Grains, Walls, Cell, Contacts, Control   parts of a state

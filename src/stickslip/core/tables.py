@@ -84,7 +84,7 @@ def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None)
     """Number and fields of each numbered line, with fields separated by `mark`, or by white space if it is None.
 
     Decimal commas, which are in quotation marks if commas separate the fields, become points, and thousands separators
-    are removed. Files with both points and commas are rejected if either may separate thousands throughout.
+    are removed. Files with both points and commas are rejected if either may separate thousands in all numbers.
     """
     if mark is None:
         split = [line.split() for _, line in lines]

@@ -2,9 +2,9 @@
 
 Forecasts are made from quantities that vanish at the event as a known power of the remaining strain. Near a saddle
 node, the remaining strain is d = A λ² + B λ³ + …, where λ is the smallest real eigenvalue; the second term dominates
-far from it if a contact with a stiffness ∝ √overlap is about to open. Near the birth of a complex pair, the squared gap
-between two real eigenvalues is linear in the strain. Linear extrapolation predicts when contacts reach the Coulomb
-limit or open.
+far from the event if a contact with a stiffness ∝ √overlap is about to open. Near the birth of a complex pair, the
+squared gap between two real eigenvalues is linear in the strain. Linear extrapolation predicts when contacts reach the
+Coulomb limit or open.
 """
 
 from collections.abc import Iterator

@@ -324,7 +324,7 @@ def fit_growth(
     time, msd : (T,) [time], [length²]
     growth_rate, frequency : initial guesses from the spectrum, one accurate to a factor of two, the other to `within`
         [1/time]
-    within : float, relative range of frequencies searched
+    within : float, relative range of frequencies that is searched
     """
     above_top = np.flatnonzero(msd > window[1])
     above_floor = np.flatnonzero(msd > window[0])

@@ -3,7 +3,7 @@
 A sample at rest under a load is kicked with random velocities and runs freely. It has *slid* once it has moved by a
 given distance under its load within the duration of a run (see `travel`). A run that has slid continues for the same
 duration again. It *lasts* if it moves on by that distance, and by a quarter of it in each quarter of that time;
-otherwise the sample has slid by a limited distance only. Near the threshold, sliding samples stop at random times, so
+otherwise, the sample has slid by a limited distance only. Near the threshold, sliding samples stop at random times, so
 fewer runs last for longer durations. The fractions of runs that slide and of runs that last rise with the load; a
 logistic curve is fitted to each by maximum likelihood. Runs have independent random numbers, as the likelihood
 requires.

@@ -1,6 +1,6 @@
 """Motion of the deforming cell, and rates with a time profile.
 
-The cell deforms with a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v. For simple shear
+The cell deforms with a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v. For simple shear,
 this is Newton's law with Lees–Edwards boundary conditions, written for velocities relative to the flow. Over a step,
 with A = (1 − ½ dt L)⁻¹ (1 + ½ dt L), every vector h of the cell becomes A h, and a position becomes
 A (x + ½ dt v) + ½ dt v, so that pair vectors do not depend on the origin. The term −L v is applied in two halves,

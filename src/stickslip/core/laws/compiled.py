@@ -236,7 +236,7 @@ def _memory_names(own: UserLaw) -> list[str]:
 
 
 def _call(own: UserLaw, name: str, overlap="overlap[k]", normal_force="fn[k]", default="", seen="") -> str:
-    """Expression that calls a function of the law at contact k; its memory is updated at the overlap `seen`."""
+    """Expression that calls a function of the law at contact k, whose memory is updated at the overlap `seen`."""
     if name not in own.functions:
         return default
     at = {"overlap": overlap, "r_eff": "r_eff[k]", "normal_force": normal_force}
