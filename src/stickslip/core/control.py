@@ -31,7 +31,7 @@ def fixed(control: Control, bodies: Bodies) -> Control:
 
 @checked
 def driven(control: Control, bodies: Bodies, rate: Numbers) -> Control:
-    """Control in which the given bodies move at `rate` in all components; it is broadcast to (bodies, 6)."""
+    """Control in which all components of the given bodies move at `rate`, which is broadcast to (bodies, 6)."""
     bodies, free, speed = body_numbers(control, bodies), control.free.copy(), control.rate.copy()
     free[bodies] = False
     speed[bodies] = as_rows(rate, len(bodies), 6)

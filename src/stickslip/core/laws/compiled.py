@@ -318,8 +318,8 @@ def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, no
     Parameters
     ----------
     wanted : "force" and "energy" of the normal spring; "stiffness" of the tangential one; "slopes" (…, 2), the
-        derivatives of force and stiffness; "cap" and "cap_slopes" (…, 2), the cap's derivatives by the normal
-        force and the overlap; "range"; "damping", the factor that multiplies the damping coefficients
+        derivatives of force and stiffness; "cap" and "cap_slopes" (…, 2), those of the cap with respect to
+        normal force and overlap; "range"; "damping", the factor that multiplies the damping coefficients
     overlap, r_eff : δ and R_eff [length]
     a, b : materials of the two bodies
     m_eff : effective mass, for dashpots [mass]
