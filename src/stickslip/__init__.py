@@ -1,17 +1,17 @@
-"""A laboratory for frictional grains: build packings, load them, know when and how they slip.
+"""A laboratory for frictional grains: build packings, load them, and know when and how they slip.
 
 Packings and states
     State, Grains, Walls, Cell, Contacts, Control   parts of a state
     assembly, box, disks, spheres, flat_walls       build a state by hand
-    OPEN, STICK, SLIDE      mode of each contact
-    packings    make packings, build them from arrays, prepare them for a test
+    OPEN, STICK, SLIDE      modes of a contact
+    packings    make packings, build them from arrays, and prepare them for a test
     laws        contact laws: built-in, combined or user-defined
     control     boundary conditions: fixed, driven, force-controlled bodies; springs; cells
 
 Forces, equilibrium, dynamics
     Law         a contact law with its parameters
     forces, accept      evaluate contact forces; commit the memory of the contacts
-    FREE, HELD, FROZEN      treatment of this memory by an evaluation
+    FREE, HELD, FROZEN      treatment of contact memory in an evaluation of forces
     equilibrate, newton, relax      find an equilibrium
     Outcome, Status, NotInEquilibriumError      outcome of a solver
     run         integrate the equations of motion
@@ -21,7 +21,7 @@ Forces, equilibrium, dynamics
 Stability
     stability   stability of a packing: complex pairs, growth rates, floppy modes
     spectrum    all eigenvalues and modes of -M^-1 J
-    jacobian, freedom       the matrix and its coordinates
+    jacobian, freedom       the matrix J and its coordinates
     modes       pairs of large packings, moduli, transient growth, sensitivity
     quasirigid  contact status, load paths, mechanisms
 

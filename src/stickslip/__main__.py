@@ -1,4 +1,4 @@
-"""Command line, as `python -m stickslip`."""
+"""Command line, run as `python -m stickslip`."""
 
 from .cli import main
 

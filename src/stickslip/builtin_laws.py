@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Parameter(NamedTuple):
-    """Parameter that only some laws have; never negative."""
+    """Nonnegative parameter that only some laws have."""
 
     name: str
     unit: str
@@ -28,8 +28,8 @@ class BuiltinLaw(NamedTuple):
     sources: tuple[str, ...]  # keys of references.bib
     uses_radius: bool = False  # stiffnesses contain √R_eff, so k_n and k_t follow from elastic constants
     rescales: bool = False  # slip shrinks as the overlap decreases
-    parameters: tuple[Parameter, ...] = ()  # parameters that not every law has; for laws in `_core/normal_laws.cpp`
-    memory: tuple[str, ...] = ()  # additional memory of a contact, zero when the contact closes
+    parameters: tuple[Parameter, ...] = ()  # parameters that only some laws in `_core/normal_laws.cpp` have
+    memory: tuple[str, ...] = ()  # additional memory of a contact, zero when it closes
     bonds: bool = False  # once grains have touched, the law acts across gaps up to a range
 
     @property

@@ -7,7 +7,7 @@ time_dependent      rates multiplied by a function of time
 force_controlled    walls or rigid groups that move until contacts balance a force
 rigid               bodies that move together, without rotation
 spring_loaded       bodies pulled by a spring whose end moves
-spring_forces       forces of these springs
+spring_forces       forces of springs on bodies
 strained_at         cell that deforms at a given velocity gradient
 stress_controlled   cell whose strain follows the stress
 between             interpolation between two controls

@@ -50,7 +50,7 @@ BITS, PROBLEM = "dynamics, bits of positions", "problem"
 
 
 class OptionalPart(NamedTuple):
-    """An optional part: the version found, whether it works, and the remedy if not."""
+    """An optional part: the version found, whether it works, and the remedy if it does not."""
 
     name: str
     purpose: str

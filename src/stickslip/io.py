@@ -1,7 +1,7 @@
 """Input and output of packings and results.
 
 Packings
-    read_packing, read_packings     one state, or all states, from .npz, archive, GSD, LAMMPS data or dump
+    read_packing, read_packings     one state, or all states, from .npz, archive, GSD, LAMMPS data or dump files
     packing_units, units_in_use     units named in a file, and a context manager that prints numbers in such units
     read_forces, measured_forces    measured disks and their contact forces, from files or arrays
     follow_packings     states of a running LAMMPS simulation, as its dumps become complete

@@ -6,7 +6,7 @@ Wings and their experiments
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
     Comparison, SweepMember     comparison of the members of a sweep, and one member
-    lazy_function, lazy_functions, result_of        functions that are imported late; decorator of classes of results
+    lazy_function, lazy_functions, result_of        functions that are imported late; decorator of result classes
     Quantity, Quantities, quantities_of, Measures, Estimate, estimate, median      tables of quantities
     attach                      public names from a stub, imported on first use
     require, install_command, MissingExtraError     optional libraries
@@ -14,10 +14,10 @@ Wings and their experiments
 Scenarios
 
     ScenarioBase, ScenarioTable, validate_scenario      classes of scenarios and of their tables
-    Positive, NotNegative, Finite, Listed, Several, Sized, Loads, Duration, Seed, Ranks     kinds of values
+    Positive, NotNegative, Finite, Listed, Several, Sized, Loads, Duration, Seed, Ranks     types of values
     LawTable, PackingLaw, allow_laws, make_law, Packing, make_packing       tables of laws and of packings
     Size, require_sizes         limits of memory, before anything is allocated
-    LIMITS, STATE               largest sizes, memory of a saved state for each grain [bytes]
+    LIMITS, STATE               largest sizes; memory of a saved state per grain [bytes]
     law_references              references of a law
     require_lammps_for_ranks    check of the engine
 
@@ -58,7 +58,7 @@ States, engines and solvers
 
 Contact laws
 
-    BUILTIN_LAWS, BY_NAME, Kind         table of built-in laws, kind of others
+    BUILTIN_LAWS, BY_NAME, Kind         table of built-in laws; kind of user-defined laws
     builtin                     columns of the table of a law, damping models, properties
     resists_rolling, critical_coefficient, dashpot_coefficients, restitution_of     coefficients of a law
     evaluate, largest_stiffness, with_values        values, stiffness and parameters of a law
@@ -81,21 +81,21 @@ Numbers and text
 Terminal and command line
 
     console, new_table, show_table, progress, terminal      terminal
-    json_output                 JSON answers of commands
+    json_output                 JSON output of commands
     command, examples, Out, Output, FigureOptions, PackingFile, PackingOptions      commands and their options
     number_option, check_choice, complete_from, finish, in_units_of_packing, StoppedError       details of commands
 
 Figures
 
-    style                       module of the following: axes, style and colours
+    style                       module that contains the following: axes, style and colours
     styled, subplots, column_axes, label_axes, legend_above, plot_fast, power_of_ten, WIDTH, PAGE       axes and style
     BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY        colours
     draw_grains_by_speed        grains coloured by speed
-    body_limits, zoomed, outside, outside_words, Zoom, APART, ASIDE     view of grains that are together
+    body_limits, zoomed, outside, outside_words, Zoom, APART, ASIDE     view without grains far from the others
     bare_frame, layout_of, start_drawing, contact_segments      drawings of packings and their contacts
     OwnFigure, common_style, TIME, animation        figures without axes, animations
     page                        HTML pages
-    render, render_all, FORMATS, PLAIN      files of figures
+    render, render_all, FORMATS, PLAIN      figure files
 
 Claims of a paper
 

@@ -21,7 +21,7 @@ class Row(NamedTuple):
 
     kind: str
     group: str
-    names: str  # patterns, between blanks
+    names: str  # patterns, separated by blanks
     why: str = ""  # reason why the names count as unknown
 
 
@@ -124,5 +124,5 @@ def plain_style(style: str) -> str:
 
 
 def with_keys(groups: dict[str, list[str]]) -> dict[str, list[str]]:
-    """Names by their group, with the keys of JSON."""
+    """Names by group, under the keys of the JSON output."""
     return {group.replace(" ", "_"): names for group, names in groups.items()}

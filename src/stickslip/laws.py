@@ -1,4 +1,4 @@
-"""Contact laws: choose one, combine several, write your own.
+"""Contact laws: choose one, combine several, or write your own.
 
 Built-in laws
     hertz_mindlin       F_n = k_n δ^(3/2), as in Charan et al. 2020 and Bonfanti et al. 2020
@@ -18,13 +18,13 @@ Properties of any law
     with_twisting       resistance to twisting: a spring with a cap, or Marshall's
 
 Bonds, which act in addition to a contact law; `packings.bonded` makes them
-    spring_bond         a spring along the line of centres, as LAMMPS `bpm/spring`
-    beam_bond           tension, shear, bending and twisting, as LAMMPS `bpm/rotational`
-    parallel_bond       cement between grains, as Potyondy & Cundall 2004
+    spring_bond         a spring along the line of centres, as in LAMMPS `bpm/spring`
+    beam_bond           tension, shear, bending and twisting, as in LAMMPS `bpm/rotational`
+    parallel_bond       cement between grains, as in Potyondy & Cundall 2004
 
 User-defined laws
     custom              a law from Python functions of scalars
-    from_file           the same from a Python file
+    from_file           a law from a Python file
     LawWarning          warning about an unusual property of a user-defined law
 
 Dashpots

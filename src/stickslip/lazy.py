@@ -18,9 +18,9 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
 
     Parameters
     ----------
-    package, file : its `__name__` and `__file__`
-    more : function that returns further public names, each with the path of the module that can be imported by it;
-        `__all__` is then left to `__getattr__`
+    package, file : `__name__` and `__file__` of the package or module
+    more : function that returns further public names, each with the path of the module that it denotes; `__all__` is
+        then left to `__getattr__`
     """
     if more is not dict:
         sys.meta_path.insert(0, _ByPublicName(package, more))
@@ -53,7 +53,7 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
 
 
 class _ByPublicName(MetaPathFinder, Loader):
-    """Finder that imports `package.name` from the place of the module with this public name."""
+    """Finder that imports `package.name` from the module that this public name denotes."""
 
     def __init__(self, package: str, more: Callable[[], Mapping[str, str]]):
         self.package, self.more = package, more

@@ -9,14 +9,14 @@ Contacts
     coordination        mean number of contacts of a grain, without rattlers
     rattlers            grains without support
     touching            rows of the contact list whose bodies touch, or act on each other across a gap
-    bond_shares         load of each bond over its strength
+    bond_shares         ratio of load to strength of each bond
     overlaps            overlaps of all pairs, negative for gaps
     branch_vectors      vectors from body j to body i of all pairs
 
 Continuum
     stress, pressure    virial stress, compression positive; its mean
     fabric              mean of n ⊗ n
-    packing_fraction    volume of the grains over that of the cell
+    packing_fraction    volume of the grains divided by that of the cell
     inertial_number     dimensionless shear rate
     shear_strain        strain of a sheared cell
     elastic_energy      energy stored in the contacts
@@ -31,8 +31,8 @@ Force network of a state, or a measured one
 
 Equilibrium
     unbalanced_forces   generalised force on every body
-    residual            the largest of them
-    imbalance, BALANCED_BELOW   the residual over the mean contact force, and its limit for a verdict
+    residual            largest unbalanced force
+    imbalance, BALANCED_BELOW   the residual divided by the mean contact force, and its limit for a verdict
     likely_causes       likely reasons why forces do not balance
 
 Space and time

@@ -7,8 +7,8 @@ Complex pairs
     match_pairs         pairs matched from one spectrum to the next
     contact_sensitivity  effect of each contact on a pair
     eigenvalue_gradient  derivatives of the decisive eigenvalue with respect to forces, radii, parameters, positions
-    modulus_gradient    the same derivatives of a modulus
-    residual_gradient   the same derivatives of the norm of the unbalanced forces
+    modulus_gradient    derivatives of a modulus with respect to these quantities
+    residual_gradient   derivatives of the norm of the unbalanced forces with respect to these quantities
     verdict_probability  probability of the verdict given errors of positions
     birth_form          course of the instability: bursts, runaway, or a lost contact
 
@@ -44,7 +44,7 @@ Matrices
     equations_of_motion  J, C, M and the unbalanced force; io.write_matrices writes them
     dynamical_matrix    −M^(−1/2) J M^(−1/2), sparse
     contact_blocks      derivatives of each contact force
-    assembled           matrix in generalised coordinates, assembled from such blocks
+    assembled           matrix in generalised coordinates, assembled from contact blocks
     residual_vector     unbalanced forces in generalised coordinates
     displaced           state with displaced coordinates
     backbone            coordinates without rattlers

@@ -1,11 +1,11 @@
-"""Packings: generate them, build them from arrays, prepare them for tests.
+"""Packings: generate them, build them from arrays, and prepare them for tests.
 
 Generate
     jammed          frictionless jammed packing of disks or spheres in a periodic box
     compressed      packing of disks or spheres in a periodic box, compressed with friction to a pressure
     disk_array      row of disks on a substrate, as in Charan et al. 2020
     biaxial_box     disks between four walls under a pressure
-    LEFT, BOTTOM, RIGHT, TOP    numbers of its walls, counted from the last disk
+    LEFT, BOTTOM, RIGHT, TOP    numbers of the walls of `biaxial_box`, counted from the last disk
     sheared_box     disks in a periodic cell under a pressure
     poured          grains, walls and plates of a flow scenario
     from_arrays     state from positions, radii and, if known, contacts with their slip

@@ -1,6 +1,6 @@
 """Types of results, for annotations and `isinstance`, with the functions that return them.
 
-Those of an experiment are in its own namespace, as `experiments.flow.FlowResult`.
+Types of an experiment are in its namespace, such as `experiments.flow.FlowResult`.
 
 Stability
     Spectrum, Stability     `spectrum`, `stability`

@@ -22,16 +22,16 @@ class Selfcheck(NamedTuple):
     measured: float
     stored: float
     tolerance: float  # relative
-    why: str  # reason of the tolerance
+    why: str  # reason for the tolerance
 
 
 class FileFormat(NamedTuple):
-    """A format of packings; its functions are imported on demand. "" stands for a missing function."""
+    """A file format of packings; its functions are imported on demand. "" stands for a missing function."""
 
     name: str
     start: bytes = b""  # regular expression for the beginning of readable files
     read: str = ""  # "module.function": path -> {name of a frame: arguments of `packings.from_arrays`}
-    suffix: str = ""  # extension of written files, as in ".pdb"
+    suffix: str = ""  # extension of written files, such as ".pdb"
     write: str = ""  # "module.function": (path, frames) -> notes on data that are not stored
 
 
@@ -39,14 +39,14 @@ class Wing(NamedTuple):
     """Head of a wing: the names of all that it adds. Modules are named relative to its package."""
 
     package: str  # `__package__` of the module of the head
-    words: str  # one line
+    words: str  # description in one line
     experiments: Mapping[str, str] = {}  # value of `experiment` in a scenario -> package with its `EXPERIMENT`
     commands: str = ""  # module that adds commands to `stickslip` when it is imported
     selfchecks: str = ""  # "module.function": () -> {name: Selfcheck}
     fault: str = ""  # "module.function": () -> reason why a required external program does not work, or ""
     needs: tuple[str, ...] = ()  # names of the wings that it imports, directly or indirectly
     formats: tuple[FileFormat, ...] = ()
-    pages: tuple[str, ...] = ()  # NAME.md in the wing's documentation, or a page of the laboratory's
+    pages: tuple[str, ...] = ()  # NAME.md in the wing's documentation, or a page of the laboratory
 
     def module(self, name: str = ""):
         """Import a module of the wing, or its package."""
@@ -82,7 +82,7 @@ def experiment_packages() -> dict[str, str]:
 
 
 def figure_modules() -> dict[str, str]:
-    """Modules `figures` in these packages, by the names of the packages: `ss.figures.gouge`."""
+    """Modules `figures` of all experiments, by the names of their packages: `ss.figures.gouge`."""
     found = {}
     for wing in wings().values():
         spec = find_spec(wing.package)

@@ -1,4 +1,4 @@
-"""Words of users and of other programs, and the names used here.
+"""Words that users and other programs use, and the corresponding names of this package.
 
 A word that is neither a public name nor in this table is looked up by its spelling among all public names, then by its
 parts in the overviews of namespaces.
@@ -209,7 +209,7 @@ OPTIONS = {
 COMMON = {"get", "set", "compute", "calc", "calculate", "make", "create", "find", "start", "stop", "end", "work"}
 COMMON |= {"the", "and", "from", "for", "with", "about", "size"}
 ROW = re.compile(r"^ *(\w+(?:, \w+)*)  +(\S.*)$", re.M)
-SHORT = 7  # letters of a part of a word that are compared
+SHORT = 7  # number of letters of a part of a word that are compared
 
 
 def suggestions(word: str, limit: int = 3) -> list[str]:
@@ -294,7 +294,7 @@ def _overview() -> dict[str, str]:
 
 
 def with_rarest_parts(word: str, texts: Mapping[str, str]) -> list[str]:
-    """Names whose texts have the rarest parts of a word."""
+    """Names whose texts contain the rarest parts of a word."""
     rows, wanted = {name: _parts(text) for name, text in texts.items()}, _parts(word)
     weight = {part: 1 / max(sum(part in parts for parts in rows.values()), 1) for part in wanted}
     score = {name: sum(weight[part] for part in wanted & parts) for name, parts in rows.items()}

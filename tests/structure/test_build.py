@@ -203,14 +203,14 @@ def test_a_core_of_other_sources_is_refused_with_the_command_that_builds_it(tria
         build.library("base")
     build.build(trial, levels=("base",))
     with pytest.raises(
-        build.BuildError, match=f"is damaged, or was built from other sources than those in {build.HERE}{remedy}"
+        build.BuildError, match=f"is damaged, or was built from sources other than those in {build.HERE}{remedy}"
     ):
         build.library("base")
 
 
 FAILS = {  # compilers that fail for one source, and what is said
-    "writes nothing": ("exit 0", "ended with 0 and wrote no version-"),
-    "is killed": ("kill -9 $$", "ended with -9 and wrote no version-"),
+    "writes nothing": ("exit 0", "exited with 0 and wrote no version-"),
+    "is killed": ("kill -9 $$", "exited with -9 and wrote no version-"),
     "writes half": ('c++ "$@" || exit; for a; do [ "$last" = -o ] && truncate -s 100 "$a"; last=$a; done', "version-"),
 }
 

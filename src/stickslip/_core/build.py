@@ -5,7 +5,7 @@
 
 The library for this machine is built unless others are requested. The C++ compiler is the machine's own, or else that
 of the package `ziglang`. A small library, the probe, finds the level of a processor. Each library holds a stamp with
-the digest of its sources, and is built again only if the digest differs. This file needs the standard library alone,
+the digest of its sources, and is rebuilt only if the digest has changed. This file needs only the standard library,
 because it also runs before the package is installed.
 """
 
@@ -38,8 +38,8 @@ except ImportError:  # Windows
 HERE = Path(__file__).resolve().parent
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 MACHINE = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
-MACOS, GLIBC = "11.0", "2.28"  # oldest systems that run the libraries, if the compiler supports them
-ZIGLANG = "ziglang>=0.17"  # the package that holds a compiler
+MACOS, GLIBC = "11.0", "2.28"  # oldest systems on which the libraries run, if the compiler supports them
+ZIGLANG = "ziglang>=0.17"  # package that contains a C++ compiler
 NO_COMPILER = (
     "no C++ compiler works here: install GCC or Clang (Debian: apt install g++; macOS: xcode-select --install), "
     f"or run {shlex.join([sys.executable, '-m', 'pip', 'install', ZIGLANG])}"
@@ -68,7 +68,7 @@ const char core_stamp[] = {};
 
 
 class BuildError(RuntimeError):
-    """The core cannot be built or used. The message is one sentence with the remedy."""
+    """The core cannot be built or used. The message is one sentence that includes the remedy."""
 
 
 class Compiler(NamedTuple):
@@ -87,16 +87,16 @@ class Compiler(NamedTuple):
         if not self.is_zig:
             return [*self.command, *_apple(), *FLAGS, *_MARCH[level]]
         march = [re.sub("^-march=x86-64-?", "-mcpu=x86_64_", flag).rstrip("_") for flag in _MARCH[level]]
-        own = ["-D_USE_MATH_DEFINES"] if sys.platform == "win32" else []  # M_PI in standard C++
-        # without a target it compiles for the processor at hand
+        own = ["-D_USE_MATH_DEFINES"] if sys.platform == "win32" else []  # defines M_PI
+        # without a target, zig compiles for this processor
         return [*self.command, "c++", "-target", _zig_target(), *march, *FLAGS, *own, "-fno-sanitize=undefined", "-g0"]
 
     def link(self, sanitize: str = "") -> list[str]:
-        """Return the command and flags that link objects into a library, without those that change floating point."""
+        """Return the command and flags that link objects into a library, without flags that change floating point."""
         if not self.is_zig:
             strict = ["-Wl,--no-undefined,--as-needed"] if sys.platform == "linux" and not sanitize else []
             return [*self.command, *_apple(), "-shared", "-pthread", *strict]
-        if sys.platform == "linux":  # `cc` compiles a runtime library first, for 17 s; Python has loaded libc and libm
+        if sys.platform == "linux":  # `cc` first compiles a runtime library, for 17 s; Python has loaded libc and libm
             return [*self.command, "ld.lld", "-shared"]
         return [*self.command, "cc", "-target", _zig_target(), "-shared", "-pthread"]
 
@@ -116,14 +116,14 @@ def _ziglang() -> list[list[str]]:
 
 
 def find_compiler() -> Compiler | None:
-    """Find the first C++ compiler that works: that of CXX, of the path, or of the package `ziglang`.
+    """Find the first working C++ compiler: from CXX, from the search path, or from the package `ziglang`.
 
-    CXX=ziglang selects the last one. On Windows, compilers of the path are not tried.
+    CXX=ziglang selects the last one. On Windows, compilers on the search path are not tried.
     """
     text = os.environ.get("CXX", "")
     try:
         asked = shlex.split(text)
-    except ValueError:  # an open quotation
+    except ValueError:  # an unclosed quotation mark
         asked = [text]
     if asked == ["ziglang"]:
         candidates = _ziglang()
@@ -139,7 +139,7 @@ def find_compiler() -> Compiler | None:
 
 
 def _try_compiler(command: list[str]) -> Compiler | None:
-    """Return the compiler of a command if it makes a library for the highest level."""
+    """Return the compiler that a command runs, if it can build a library for the highest level."""
     if not shutil.which(command[0]):
         return None
     compiler = Compiler(command, "")
@@ -156,7 +156,7 @@ def _try_compiler(command: list[str]) -> Compiler | None:
 
 
 def _run(command: list) -> subprocess.CompletedProcess:
-    """Run a command; a command that cannot be started has an exit status too."""
+    """Run a command; return an exit status even if the command cannot be started."""
     command = [*map(str, command)]
     try:
         return subprocess.run(command, capture_output=True, text=True, errors="replace")
@@ -165,7 +165,7 @@ def _run(command: list) -> subprocess.CompletedProcess:
 
 
 def digest(folder: Path = HERE) -> str:
-    """Digest of the sources in a folder and of the flags."""
+    """Digest of the sources in a folder and of the compiler flags."""
     digested = hashlib.sha256(json.dumps([FLAGS, _MARCH]).encode())
     for path in [*_headers(folder), *sorted(folder.glob("*.cpp"))]:
         digested.update(f"\0{path.name}\0".encode() + path.read_bytes())
@@ -177,19 +177,19 @@ def _headers(folder: Path) -> list[Path]:
 
 
 def library_path(level: str, folder: Path | None = None) -> Path:
-    """Path of the library of a level, beside the sources or in the folder that STICKSLIP_CORE names."""
+    """Path of the library for a level, beside the sources or in the folder that STICKSLIP_CORE names."""
     return Path(folder or os.environ.get("STICKSLIP_CORE") or HERE) / f"core-{level}{SUFFIX}"
 
 
 def stamp(path: Path) -> dict[str, str]:
-    """Digest, compiler, command, target and sanitizers as stored in a library; empty without a complete library."""
+    """Digest, compiler, command, target and sanitizers as stored in a library; empty if this is incomplete."""
     content = path.read_bytes() if path.is_file() else b""
     mark = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", content)
     return json.loads(mark[1]) if mark and not _is_truncated(content) else {}
 
 
 def _is_truncated(content: bytes) -> bool:
-    """Return True if an ELF file ends before its table of sections, which comes last; loading it could crash Python."""
+    """Return True if an ELF file ends before its section table, which comes last; loading it could crash Python."""
     if not content.startswith(b"\x7fELF\x02\x01"):  # not 64-bit and little-endian
         return False
     start, size, number = struct.unpack("<40x Q 10x HH", content[:62])
@@ -197,7 +197,7 @@ def _is_truncated(content: bytes) -> bool:
 
 
 def library(level: str) -> Path:
-    """Path of the library of a level; raise an error if there is none, or if it was built from other sources."""
+    """Path of the library for a level; raise an error if there is none, or if it was built from other sources."""
     path, command = library_path(level), [sys.executable, str(HERE / "build.py")]
     command += ["--level", level] if level in LEVELS else []
     command += ["--out", str(path.parent)] if path.parent != HERE else []
@@ -206,19 +206,19 @@ def library(level: str) -> Path:
         raise BuildError(f"the compiled core {path} does not exist: {remedy}")
     if stamp(path).get("digest") != digest():
         raise BuildError(
-            f"the compiled core {path} is damaged, or was built from other sources than those in {HERE}: {remedy}"
+            f"the compiled core {path} is damaged, or was built from sources other than those in {HERE}: {remedy}"
         )
     return path
 
 
 def usable_levels(folder: Path | None = None) -> tuple[str, ...]:
-    """Levels that this processor runs, lowest first; the probe is beside the sources or in a folder."""
+    """Levels that this processor can run, lowest first, found by the probe beside the sources or in a folder."""
     probe = library_path(PROBE, folder) if folder else library(PROBE)
     return LEVELS[: ctypes.CDLL(str(probe)).core_processor_level() + 1]
 
 
 def best_level() -> str:
-    """Highest level that this processor runs and whose library was built, or the one that STICKSLIP_LEVEL names."""
+    """Highest level that this processor can run and whose library was built, or the one that STICKSLIP_LEVEL names."""
     usable = usable_levels()
     built = [level for level in usable if library_path(level).exists()]
     asked = os.environ.get("STICKSLIP_LEVEL") or (built or usable)[-1]
@@ -228,7 +228,7 @@ def best_level() -> str:
 
 
 def platform_tag() -> str:
-    """Tag of the platform for a wheel with these libraries."""
+    """Platform tag of a wheel that contains these libraries."""
     if sys.platform == "darwin":
         return f"macosx_{MACOS}_{platform.machine()}".replace(".", "_")
     if stamp(library_path(PROBE, HERE)).get("target", "").endswith(GLIBC):
@@ -251,7 +251,7 @@ def build(
     ----------
     folder : folder of the sources
     out : folder for libraries and objects; by default, that of the sources
-    levels : levels to build; by default, the highest one that this processor runs
+    levels : levels to build; by default, the highest one that this processor can run
     sanitize : sanitizers of the compiler, separated by commas
     force : build even if the libraries are up to date
     verbose : print commands, and the complete messages of the compiler
@@ -259,7 +259,7 @@ def build(
     Raises
     ------
     BuildError
-        If there is no compiler, if it fails, or if a file cannot be written. Existing libraries are left unchanged.
+        If there is no compiler, if compilation fails, or if a file cannot be written. Existing libraries are kept.
     """
     start, out = time.perf_counter(), out or folder
     wanted = {"digest": digest(folder), "sanitize": sanitize}
@@ -293,7 +293,7 @@ def build(
 
 @contextmanager
 def _alone_in(out: Path):
-    """Wait for a build of another process in the same folder."""
+    """Wait until no other process builds in the same folder, and prevent others from starting."""
     (out / OBJECTS).mkdir(parents=True, exist_ok=True)
     with open(out / OBJECTS / "lock", "w") as file:
         if fcntl:
@@ -314,7 +314,7 @@ class _Making:
         made |= wanted | {"target": _zig_target() if compiler.is_zig else ""}
         self.compiler, self.folder, self.out, self.made, self.verbose = compiler, folder, out, made, verbose
         self.objects = out / OBJECTS
-        killed = self.objects.glob(".[0-9]*") if fcntl else ()  # files of builds that were killed
+        killed = self.objects.glob(".[0-9]*") if fcntl else ()  # files left by builds that were killed
         for path in [*killed, *(self.objects.glob("*.o") if force else ())]:
             path.unlink(missing_ok=True)
         self.shared = b"".join(path.read_bytes() for path in _headers(folder)) + compiler.version.encode()
@@ -322,7 +322,7 @@ class _Making:
         _replace(self.stamp, _STAMP.format(json.dumps(_MARK + json.dumps(made))).encode())
 
     def make(self, names) -> None:
-        """Build the libraries of levels, or the probe, side by side."""
+        """Build the libraries for some levels, or the probe, in parallel."""
         every = sorted(self.folder.glob("*.cpp"), key=lambda path: -path.stat().st_size)
         sources = {name: [self.folder / PROBE_SOURCE] if name == PROBE else every for name in names}
         jobs = [(path, name) for name in reversed(names) for path in [*sources[name], self.stamp]]
@@ -334,7 +334,7 @@ class _Making:
             try:
                 _make(library_path(name, self.out), command, self.objects, self.verbose)
             except BuildError as error:
-                if "undefined" not in str(error):  # an object may be damaged
+                if "undefined" not in str(error):  # an object file may be damaged
                     for path in own:
                         path.unlink(missing_ok=True)
                 raise
@@ -342,7 +342,7 @@ class _Making:
                 path.unlink(missing_ok=True)
 
     def _extra(self, name: str) -> list[str]:
-        """Flags of the sanitizers; the probe has none, because it is loaded here."""
+        """Flags of the sanitizers; the probe has none, because this process loads it."""
         asked = self.made["sanitize"]
         return [f"-fsanitize={asked}", *_SANITIZE] if asked and name != PROBE else []
 
@@ -363,7 +363,7 @@ def _cores() -> int:
 
 
 def _make(target: Path, command: list, scratch: Path, verbose: bool) -> None:
-    """Run a compiler or linker such that an existing target is always complete."""
+    """Run a compiler or linker; its target is replaced only by a complete file."""
     part = scratch / f".{os.getpid()}-{target.name}"
     command = [*command, "-o", part]
     if verbose:
@@ -373,7 +373,7 @@ def _make(target: Path, command: list, scratch: Path, verbose: bool) -> None:
         part.unlink(missing_ok=True)
         if not run.stderr.strip():
             raise BuildError(
-                f"the core was not built: {command[0]} ended with {run.returncode} and wrote no {target.name}"
+                f"the core was not built: {command[0]} exited with {run.returncode} and wrote no {target.name}"
             )
         raise BuildError(run.stderr if verbose else _first_error(run.stderr))
     if run.stderr:

@@ -32,7 +32,7 @@ _KNOW_BONDS: set[Callable] = set()
 
 
 class Array(NamedTuple):
-    """Annotation of numbers that are converted with `np.asarray`."""
+    """Annotation for numbers that are converted with `np.asarray`."""
 
     ndim: tuple[int, ...] | None = None  # allowed numbers of dimensions; None: any
     kinds: str = "buif"  # allowed kinds of NumPy types
@@ -42,13 +42,13 @@ class Array(NamedTuple):
 
 
 class Requirement(NamedTuple):
-    """Annotation of a value with an additional check, called with name and value, which raises ValueError."""
+    """Annotation for a value with an additional check: a function of name and value that raises ValueError."""
 
     check: Callable[[str, Any], None]
 
 
 class Result(NamedTuple):
-    """Annotation of a value by the attributes or keys of a class, for modules that cannot import this class."""
+    """Annotation for instances of a class that a module cannot import, recognised by their attributes or keys."""
 
     name: str
     attributes: tuple[str, ...] = ()
@@ -62,7 +62,7 @@ def require_filled(name: str, value) -> None:
 
 
 def require_positive(**values) -> None:
-    """Raise ValueError unless a value is positive and within the range of numbers in a state."""
+    """Raise ValueError unless a value is positive and within the range that a state allows."""
     for name, value in values.items():
         if not 1 / LARGEST <= value <= LARGEST:
             range_ = f", from {1 / LARGEST:g} to {LARGEST:g}: use other units" if 0 < value < np.inf else ""
@@ -84,7 +84,7 @@ def require_unmasked(name: str, value) -> None:
 
 
 def one_of(*allowed) -> Requirement:
-    """Requirement that a value is in a table; use `Literal` for values listed in the signature."""
+    """Requirement that a value is one of those given, such as the keys of a table; for a fixed list, use `Literal`."""
 
     def check(name, value):
         if not any(isinstance(value, type(one)) and value == one for one in allowed):
@@ -114,7 +114,7 @@ Bodies = Annotated[Any, Array((0, 1), kinds="bui")]  # numbers of bodies, or a m
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Check arguments by their annotations when a user calls the function; whole numbers become `int`.
+    """Check arguments against their annotations when a user calls the function; whole numbers become `int`.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             _door.passed = True
             return function(*given, **kwargs)  # type: ignore[arg-type]
         except TypeError as problem:
-            if problem.__traceback__ is not None and problem.__traceback__.tb_next is None:  # it has not started
+            if problem.__traceback__ is not None and problem.__traceback__.tb_next is None:  # it was not entered
                 names = ", ".join(inspect.signature(function).parameters)
                 raise TypeError(f"{problem}: the arguments are {names}") from None
             raise
@@ -158,7 +158,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def knows_bonds(function: Callable[P, R]) -> Callable[P, R]:
-    """Mark a function as correct for states with bonds; otherwise `checked`, applied afterwards, rejects them."""
+    """Mark a function as correct for states with bonds; `checked`, applied afterwards, rejects them in all others."""
     _KNOW_BONDS.add(function)
     return function
 
@@ -170,7 +170,7 @@ def _refuse_bonds(function, values) -> None:
 
 
 def check_value(name: str, value, annotation, *, given: bool = False) -> None:
-    """Check a value other than an argument, such as one from a file, by an annotation; NaN is allowed by default."""
+    """Check a value that is not an argument, such as one from a file, against an annotation; by default, allow NaN."""
     check = _check_of(annotation, given)
     if check is not None:
         check(name, value)
@@ -182,7 +182,7 @@ def check_types(values: tuple) -> None:
 
 
 def check_computed(values: tuple) -> None:
-    """Check all fields of a NamedTuple made by a function, as `check_types` does; numbers may be NaN."""
+    """Check all fields of a NamedTuple made by a function, as `check_types` does, but allow NaN."""
     _check_fields("", values, given=False)
 
 
@@ -198,7 +198,7 @@ def _check_fields(prefix: str, values, *, given: bool) -> None:
 
 @cache
 def _fields(kind, given: bool) -> list[tuple[str, Callable[[str, Any], Any] | None, tuple[str, ...], bool]]:
-    """Name, check and shape of the fields of a NamedTuple, and whether each may be a single number."""
+    """Name, check and shape of each field of a NamedTuple, and whether it may be a single number."""
     shapes, hints = shapes_of(kind), getattr(kind, "__annotations__", {})
     known = {name: hints.get(name, Any) for name in kind._fields}
     return [(name, _check_of(k, given), shapes.get(name, ()), float in get_args(k)) for name, k in known.items()]
@@ -216,12 +216,12 @@ def _check_sizes(name: str, got: tuple[int, ...], shape: tuple[str, ...], sizes:
 
 
 _KEYWORD = 10**6  # index of keyword-only parameters
-_MOST = 16  # largest number of values of *arguments that are checked
+_MOST = 16  # largest number of values in *arguments that are checked
 
 
 @cache
 def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
-    """Index, name and check of the parameters whose annotations can be checked."""
+    """Index, name and check of each parameter whose annotation can be checked."""
     places = []
     for index, parameter in enumerate(inspect.signature(function).parameters.values()):
         if parameter.kind is parameter.VAR_KEYWORD or parameter.annotation is parameter.empty:
@@ -237,7 +237,7 @@ def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
 def _check_of(annotation, given: bool = True) -> Callable[[str, Any], Any] | None:
     """Function (name, value) that returns the checked value, or None if an annotation cannot be checked.
 
-    Without `given`, values were computed: numbers may then be NaN, and arrays must not be lists.
+    If not `given`, the values were computed: numbers may then be NaN, and arrays must not be lists.
     """
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
@@ -484,7 +484,7 @@ def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
 
 
 def require_options(function: Callable, options: Iterable[str]) -> None:
-    """Raise TypeError if a function has no option with this name."""
+    """Raise TypeError if a function lacks one of these options."""
     parameters = inspect.signature(function).parameters.values()
     names = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
     for name in options:

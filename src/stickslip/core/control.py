@@ -1,4 +1,4 @@
-"""Loads and motions imposed on bodies and on the cell. Each function returns an extended control."""
+"""Loads and motions imposed on bodies and on the cell. Each function returns an extended copy of a control."""
 
 from typing import Annotated, Any
 
@@ -31,7 +31,7 @@ def fixed(control: Control, bodies: Bodies) -> Control:
 
 @checked
 def driven(control: Control, bodies: Bodies, rate: Numbers) -> Control:
-    """Control in which all components of the given bodies move at `rate`, broadcast to (bodies, 6)."""
+    """Control in which all components of the given bodies move at `rate`, which is broadcast to (bodies, 6)."""
     bodies, free, speed = body_numbers(control, bodies), control.free.copy(), control.rate.copy()
     free[bodies] = False
     speed[bodies] = as_rows(rate, len(bodies), 6)
@@ -122,8 +122,8 @@ def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, m
     """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − target), ℓ = V^(1/dim).
 
     Targets are absolute, independent of the present stress; the strain starts from the cell of the state.
-    σ includes the contributions of contacts and of velocity fluctuations; compression is positive. Such a component is
-    a degree of freedom in dynamics, in J, and in Newton's method.
+    σ includes the contributions of contacts and of velocity fluctuations; compression is positive. Each of these
+    components is a degree of freedom in dynamics, in J, and in Newton's method.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def time_dependent(
     ----------
     bodies : numbers of grains and walls, or "cell" for the cell's velocity gradient
     times : (K,) increasing [time]; factors : (K,) dimensionless, linear between times, constant beyond
-    axes : indices of x, y, z, and rotations about them; default: all
+    axes : indices from 0 to 5 of x, y, z, and of the rotations about them; default: all
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Fields of a state: type, shape, range, and the targets of indices. Checks of states are based on this table.
+"""Fields of a state: type, shape, range and, for indices, their targets. Checks of states are based on this table.
 
 Compiled code does not check types, indices or lengths. `check_parts` is therefore called wherever states or their parts
 enter the package: in public functions (`arguments.checked`), when files are read, and when a state is built. Shapes and
@@ -18,10 +18,10 @@ import numpy as np
 
 @cache
 def _classes(module) -> dict[str, str]:
-    """Sources of the top-level classes of a module, read together, as `inspect` would parse the module for each."""
+    """Sources of the top-level classes of a module, read at once, because `inspect` would parse it for each class."""
     try:
         text = inspect.getsource(module)
-    except (OSError, TypeError):  # in an interpreter
+    except (OSError, TypeError):  # defined in an interpreter
         return {}
     lines = text.splitlines()
     tops = (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
@@ -38,7 +38,7 @@ def definitions(kind: type) -> tuple[str, dict[str, str]]:
     except (OSError, TypeError, ValueError):  # not a NamedTuple, or one defined in an interpreter
         return "", {}
     fields = (re.match(r"\s+(\w+): [^#]*#(.*)", line) for line in reversed(lines))
-    return head, {field[1]: field[2] for field in fields if field and field[1] in names}  # the first such line counts
+    return head, {field[1]: field[2] for field in fields if field and field[1] in names}  # the first one counts
 
 
 @cache
@@ -61,7 +61,7 @@ def shapes_of(kind: type) -> dict[str, tuple[str, ...]]:
 _SHAPE = re.compile(r"\(((?:\w+, ?)+(?:\w+)?)\)")
 
 
-BODY_BITS, IMAGE_BITS = 21, 7  # bits of a body and of each component of an image in the key of a contact
+BODY_BITS, IMAGE_BITS = 21, 7  # bits of a body number and of each component of an image in the key of a contact
 LARGEST = 1e150  # largest magnitude of any number in a state, so that squares are finite
 LONG = 10_000  # smallest array size for which BLAS uses several threads
 COURSE_DTYPE = np.int16  # type of column numbers; small, because there are nine per body
@@ -132,7 +132,7 @@ FIELDS = {
 
 
 def _prepare_check(part: str, name: str, field: Field) -> tuple:
-    """Full name of a field, the field, type and dimensions of its array, and whether any number is allowed."""
+    """Full name of a field, the field, its type, its number of dimensions, and whether any number is allowed."""
     unbounded = field.dtype is np.float64 and field.shape is not None and not field.optional and field.low == -LARGEST
     dimensions = None if field.shape is None else len(field.shape)
     return f"{part}.{name}".strip("."), field, np.dtype(field.dtype), dimensions, unbounded
@@ -146,7 +146,7 @@ def check_parts(parts: Mapping[str, Any]) -> None:
 
     Parameters
     ----------
-    parts : the parts by their names in a state; the state itself by ""
+    parts : the parts by their names in a state, and the state itself under the name ""
     """
     entries = []
     for part, noun in parts.items():
@@ -277,7 +277,7 @@ def _refuse(name: str, value: np.ndarray, field: Field, low, high) -> None:
 
 
 def pack_keys(i, j, image) -> np.ndarray:
-    """Pack every (i, j, image) into one integer with the same order."""
+    """Pack each (i, j, image) into one integer, such that the order is kept."""
     key = i.astype(np.int64) << BODY_BITS | j
     for m in range(3):
         key = key << IMAGE_BITS | image[:, m] + np.int64(1 << IMAGE_BITS - 1)

@@ -37,7 +37,7 @@ _COMMENT, _DECLARATION = re.compile(r"//.*"), re.compile(r"(?:const )?(?:struct 
 
 
 def _declarations(text: str, separator: str) -> list[tuple[str, bool, str]]:
-    """Type and name of every declaration, and, between them, whether it is a pointer."""
+    """Type of every declaration, whether it is a pointer, and its name."""
     parts = (" ".join(part.split()) for part in text.split(separator))
     matches = (_DECLARATION.fullmatch(part) for part in parts if part and part != "void")
     return [(match[1], bool(match[2]), match[3]) for match in matches]
@@ -57,7 +57,7 @@ _data = _first_member if _first_member(_SAMPLE) == _interface(_SAMPLE) else _int
 
 
 class _Layout:
-    """Members of a struct, the names of their sources, and the converters."""
+    """Members of a struct, the names of their sources, and their converters."""
 
     def __init__(self, name: str, members, sources):
         fields = [(key, ctypes.c_void_p if pointer else _SCALARS[kind]) for kind, pointer, key in members]
@@ -108,14 +108,14 @@ class _Core:
         return _Layout(name, members, [self._source(*member) for member in members])
 
     def _source(self, kind: str, pointer: bool, name: str):
-        """Name of the source of a struct member, and its converter."""
+        """Name of the entry that fills a struct member, and its converter."""
         before, _, rest = name.partition("_")
         if rest and not pointer and before in _SIZES:
             return rest, _SIZES[before]
         return name, self.converter(kind, name) if pointer else None
 
     def converter(self, kind: str, name: str) -> Callable:
-        """Function that returns the address of an array or struct; None gives the null pointer, a number itself."""
+        """Function that returns the address of an array or struct; None gives the null pointer, and a number itself."""
 
         def struct_address(value, alive: list):
             if value is None or isinstance(value, int):

@@ -19,11 +19,9 @@ from .library import core
 from .readable import pluralize
 from .state import OPEN, State, grain_volumes, groups, volume
 
-HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain needs
+HELD_FAST = 1 << 20  # number of supports of a body that cannot move: more than any grain needs
 
-ROUND_OFF = (
-    1e-9  # uncertainty of positions over the radius: it is undecided whether pairs closer to contact than this touch
-)
+ROUND_OFF = 1e-9  # uncertainty of positions in radii: pairs closer to contact than this may or may not touch
 
 
 def require_committed(name: str, state: State) -> None:
@@ -167,12 +165,12 @@ def mean_normal_force(state: State, law: Law) -> float:
 @checked
 @knows_bonds
 def wrapped(state: State) -> np.ndarray:
-    """Positions wrapped into the cell, (N, 3): multiples from 0 to 1 of the cell vectors along periodic directions."""
+    """Positions wrapped into the cell, (N, 3): from 0 to 1 times the cell vectors along periodic directions."""
     return state.grains.position - periodic_box(state) @ state.cell.vectors
 
 
 def periodic_box(state: State) -> np.ndarray:
-    """Indices of the periodic image of the cell that contains each grain, (N, 3); zero along other directions."""
+    """Indices of the periodic image of the cell that contains each grain, (N, 3); zero along other axes."""
     cell = state.cell
     used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
     return np.where(cell.periodic, np.floor(state.grains.position @ np.linalg.inv(used)), 0.0).astype(np.int64)
@@ -196,7 +194,7 @@ def fabric(state: Committed) -> np.ndarray:
 def inertial_number(shear_rate: float, pressure: Positive, *, diameter: Positive, density: Positive) -> float:
     """Inertial number I = γ̇ d √(ρ/P). Flows with I < 1e-3 count as quasi-static.
 
-    In two dimensions the density is mass over area.
+    In two dimensions, the density is mass per area.
 
     Source
     ------
@@ -213,7 +211,7 @@ def inertial_number(shear_rate: float, pressure: Positive, *, diameter: Positive
 @checked
 @knows_bonds
 def packing_fraction(state: State) -> float:
-    """Volume of the grains (area of disks), overlaps counted twice, over that of the cell, det of its vectors."""
+    """Volume of the grains (area of disks), with overlaps counted twice, divided by the volume of the cell."""
     return float(grain_volumes(state).sum()) / volume(state)
 
 
@@ -284,7 +282,7 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
 def coordination(state: Committed, least: int = 2) -> float:
     """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none.
 
-    Contacts with rattlers are excluded, those with walls included. `least` is passed to `rattlers`.
+    Contacts with rattlers are excluded, contacts with walls are included. `least` is passed to `rattlers`.
     """
     n, rows = len(state.grains.radius), touching(state)
     held = np.append(~rattlers(state, least), np.ones(len(state.walls.mass), bool))
@@ -298,7 +296,7 @@ def coordination(state: Committed, least: int = 2) -> float:
 def elastic_energy(state: State, law: Law) -> float:
     """Energy stored in normal springs and in bonds [energy]; tangential forces of contacts have no potential.
 
-    Normal springs store Σ ∫ F_n dδ up to the overlap, k δ²/2 per contact of a linear law and (2/5) k δ^{5/2} of a
+    Normal springs store Σ ∫ F_n dδ up to the overlap, k δ²/2 per contact for a linear law and (2/5) k δ^{5/2} for a
     Hertzian one. A bond stores ½ (k_n (|r| − r₀)² + k_s |u|² + k_b |β|² + k_ψ ψ²), see `core/contacts/bonds.py`; a
     fading bond stores the work that its loads do if all grow in proportion.
     """

@@ -21,14 +21,14 @@ from .arguments import Requirement
 from .readable import pluralize, readable
 
 MOST = 1_000_000
-# largest number of each kind; the same on every machine, so a scenario is valid everywhere or nowhere
+# largest number of items of each kind; the same on every machine, so a scenario is valid everywhere or nowhere
 LIMITS = {
     "grains": MOST, "bodies": 2 * MOST, "cells": MOST, "points": MOST, "times": MOST, "members": MOST, "runs": MOST,
     "types": 300, "branches": 100_000, "load steps": 100_000, "profiles": 100_000, "samples": 10 * MOST,
     "directions": 100_000, "walkers": 10_000, "wave vectors": 100_000,
     "time steps": 1000 * MOST, "bytes": 1 << 36,
 }  # fmt: skip
-STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 766 for packed spheres
+STATE = 800  # bytes of a state per grain; measured: 572 for packed disks, 766 for packed spheres
 
 
 class Size(NamedTuple):
@@ -64,7 +64,7 @@ def _format(number: float, kind: str) -> str:
 
 
 def available_cores() -> int:
-    """Number of cores that this process may use, by its affinity and the quotas of its control groups."""
+    """Number of cores that this process may use, according to its affinity and the quotas of its control groups."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, int(min(cores, cpu_quota())))
 
@@ -130,7 +130,7 @@ def within(
 
 @contextmanager
 def _line_on_terminal(text: str) -> Iterator[None]:
-    """Show a line on standard error during a task, if that is a terminal and this is not a worker process."""
+    """Show a line on standard error during a task, if this is a terminal and the process is not a worker."""
     stream = sys.stderr
     if stream is None or not stream.isatty() or os.environ.get("TERM") == "dumb" or parent_process():
         yield

@@ -1,4 +1,4 @@
-"""Short `repr` and HTML tables of values for readers: quantities with their meaning and unit, not arrays and types."""
+"""Short `repr` and HTML tables for readers: they show quantities with meaning and unit, not arrays and types."""
 
 import html
 import re
@@ -19,7 +19,7 @@ def readable(kind=None, *, head=None, rows=None, picture=None):
 
     Parameters
     ----------
-    head : function of the value that returns one line, such as its counts. Default: its own `str`, else all fields
+    head : function of the value that returns one line, such as its counts. Default: `str` of the value, else all fields
     rows : function of the value that returns rows of the table: (quantity, value), (quantity, value, unit) or
         (quantity, value, unit, meaning); those whose value is None or "" are left out. Default: all fields, with the
         units and meanings in the comments beside their definitions
@@ -113,7 +113,7 @@ def words(name: str) -> str:
 
 
 def unit_in_signs(unit: str) -> str:
-    """A unit in brackets, as printed; empty for a plain number.
+    """Unit in brackets, as printed; empty for a dimensionless number.
 
     Examples
     --------

@@ -31,9 +31,9 @@ def read_bytes(path: str | Path, *, remedy: str, size: int = -1) -> bytes:
     Raises
     ------
     ValueError
-        If it is a device or a pipe, or larger than 8 GiB.
+        If the file is a device or a pipe, or larger than 8 GiB.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     check_regular_file(path, remedy)
     with open(path, "rb") as file:
@@ -66,13 +66,13 @@ def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = 
         members = {name.removesuffix(".npy"): name for name in packed.namelist()}
         arrays = {}
         for name in members if names is None else names:
-            budget.take(packed.getinfo(members[name]).file_size, name)  # zipfile reads no more
+            budget.take(packed.getinfo(members[name]).file_size, name)  # zipfile reads no more than this
             arrays[name] = _array_of(packed.read(members[name]))
         return arrays
 
 
 def _array_of(content: bytes) -> np.ndarray:
-    """Array of an .npy file; raises ValueError, before allocating memory, if it declares more numbers than it has."""
+    """Array of an .npy file; raises ValueError, before allocating memory, if the file declares too many numbers."""
     file = BytesIO(content)
     first, _ = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if first == 1 else np.lib.format.read_array_header_2_0
@@ -84,7 +84,7 @@ def _array_of(content: bytes) -> np.ndarray:
 
 
 class Budget:
-    """Memory that the content of a file may still take [bytes]: at first 64 MiB or, if more, 100 times its size."""
+    """Memory that the content of a file may still take [bytes]: at first 100 times the file size, at least 64 MiB."""
 
     def __init__(self, path: str | Path, stored: int, *, remedy: str, error: Callable[[str], Exception] = ValueError):
         self.path, self.stored, self.remedy, self.error = path, stored, remedy, error
@@ -109,7 +109,7 @@ class Budget:
 
 
 class Reader:
-    """Position in a byte string, which only moves forwards; raises ValueError, with a short message, at the end."""
+    """Reader that only moves forwards in a byte string; raises ValueError, with a short message, at its end."""
 
     def __init__(self, content: bytes, at: int = 0):
         self.content, self.at = content, 0
@@ -130,7 +130,7 @@ class Reader:
         return np.frombuffer(self.content, dtype, count, self._skip(count * dtype.itemsize))
 
     def number(self, form: str):
-        """The next number, in a form of `struct`."""
+        """The next number, in a format of `struct`."""
         return struct.unpack_from(form, self.content, self._skip(struct.calcsize(form)))[0]
 
     def line(self) -> bytes:
@@ -161,7 +161,7 @@ WIDTHS = {
     16: 1,
     17: 2,
     18: 4,
-}  # bytes of numbers, by type
+}  # bytes per number, by type
 CELL, STRUCT, OBJECT, CHAR, SPARSE, OTHER = 1, 2, 3, 4, 5, 16  # classes of arrays; from OTHER on, functions and others
 TEXT, DEEPEST = (1, 2, 16), 20  # types of elements with names; largest depth of arrays within arrays
 
@@ -181,7 +181,7 @@ def check_matlab(content: bytes, budget: Budget) -> None:
 
 
 def _element(reader: Reader, order: str) -> tuple[int, bytes]:
-    """Type and data of the next element; short ones have both in one word."""
+    """Type and data of the next element; a short element stores both in eight bytes."""
     word = reader.number(f"{order}I")
     if word >> 16:
         size, kind = word >> 16, word & 0xFFFF

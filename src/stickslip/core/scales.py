@@ -13,7 +13,7 @@ from .laws.kinds import Kind
 from .state import State
 
 ROUND_OFF = 1e-8  # fraction of cancelling terms below which their sum is meaningless
-VALIDATED = 0.1  # overlap, over the diameter, up to which user-defined laws are validated
+VALIDATED = 0.1  # overlap, in diameters, up to which user-defined laws are validated
 
 
 class Scales(NamedTuple):
@@ -25,7 +25,7 @@ class Scales(NamedTuple):
 
 
 def natural_scales(state: State, law: Law, length: float | None = None) -> Scales:
-    """Natural units of a packing; under a change of units, they transform as any quantity of their dimension.
+    """Natural units of a packing; under a change of units, they transform like any quantity of their dimension.
 
     Another length may be given. The force is that of the stiffest pair of materials. A user-defined law is extrapolated
     linearly from an overlap of a tenth of the length.

@@ -15,7 +15,7 @@ from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 FAILURES = "", "tension", "shear", "bending", "twisting", "compression"  # loads that break a bond
-MAX_IN_CUBE = 100  # centres in a cube whose edge is the smallest radius; without overlaps, it contains one at most
+MAX_IN_CUBE = 100  # largest number of centres in a cube whose edge is the smallest radius; without overlaps, one
 
 
 @readable(head=lambda value: _describe_grains(value))
@@ -86,14 +86,14 @@ class Contacts(NamedTuple):
     mode: np.ndarray  # (C,) int8: OPEN, STICK or SLIDE
     pair: np.ndarray  # (C, 3) [length]
     roll: np.ndarray  # (C, 3) [length]
-    reached: np.ndarray  # (C,) bool: has been at the Coulomb limit since it closed
+    reached: np.ndarray  # (C,) bool: whether the contact has been at the Coulomb limit since it closed
     origin: np.ndarray  # (N + W, 3) [length]
     skin: float  # [length]
     gap: float  # largest gap across which pairs are listed even without the skin, as some laws require [length]
     stale: bool  # whether the list is invalid at the present positions, for example after a deformation of the cell
     count: np.ndarray  # (1,)
     rolling: np.ndarray | None = (
-        None  # (C, columns) memory of rotations (7) and additional memory of the law; None without both
+        None  # (C, columns) memory of rotations (7) and additional memory of the law; None if there is neither
     )
 
     def check_entries(self) -> None:
@@ -122,15 +122,15 @@ class Control(NamedTuple):
     gravity: np.ndarray  # (3,) [length/time²]
     group: np.ndarray  # (N + W,) number of the rigid group of each body, −1 for none
     cell_free: np.ndarray  # (3, 3) bool: components of the cell's velocity gradient that follow the stress
-    cell_rate: np.ndarray  # (3, 3) the other components [1/time]
+    cell_rate: np.ndarray  # (3, 3) rates of components that do not follow the stress [1/time]
     stress: np.ndarray  # (3, 3) target where the cell is free, compression positive [force/length^(dim−1)]
     cell_mass: float  # M, inertia of the cell [mass]; 0: the mass of all grains
     knots: np.ndarray  # (K,) [time], increasing
     course: np.ndarray  # (K, C) factors of rates, or displacements of load points, one column per course
     follows: np.ndarray  # (N + W, 6) column of `course` that a rate follows, −1: none
-    cell_follows: np.ndarray  # (3, 3) the same for the cell
+    cell_follows: np.ndarray  # (3, 3) column of `course` that a component of `cell_rate` follows, −1: none
     spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero if there is none [force/length]
-    anchor: np.ndarray  # (N + W, 3) position of load points without displacement [length]
+    anchor: np.ndarray  # (N + W, 3) position of load points at zero displacement [length]
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
     def check_entries(self) -> None:
@@ -142,7 +142,7 @@ class Control(NamedTuple):
 class Bonds(NamedTuple):
     """Bonds between grains, one row each, from `packings.bonded`. Four columns: tension, shear, bending, twisting.
 
-    A bond acts in addition to the contact law, also across a gap. Its forces follow from the present positions and
+    A bond acts in addition to the contact law, even across a gap. Its forces follow from the present positions and
     orientations of its two grains and from their rest configuration, stored in its memory. See
     `core/contacts/bonds.py`.
     """
@@ -152,8 +152,8 @@ class Bonds(NamedTuple):
     image: np.ndarray  # (K, 3) int16
     intact: np.ndarray  # (K,) bool: not broken
     length: np.ndarray  # (K,) length at rest [length]
-    arm: np.ndarray  # (K,) fraction of the bond length from j to the point of action of the shear force
-    direction: np.ndarray  # (K, 3) unit vector from j to i at rest, turned with j
+    arm: np.ndarray  # (K,) position of the point at which the shear force acts, from 0 at j to 1 at i
+    direction: np.ndarray  # (K, 3) unit vector from j to i at rest, rotated with j
     turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since the rest configuration
     angle_i: np.ndarray  # (K, 3) angle of i to which `direction` and `turn` belong [rad]
     angle_j: np.ndarray  # (K, 3) angle of j to which `direction` and `turn` belong [rad]
@@ -161,8 +161,8 @@ class Bonds(NamedTuple):
     damping: np.ndarray  # (K, 4) [force time/length] twice, [force time] twice
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
     form: np.ndarray  # (K,) int8: combination of strengths, see `bond_shares`
-    fading: np.ndarray  # (K,) int8: p, loads are multiplied by 1 − (load/strength)^p, or 0: unchanged until failure
-    failed: np.ndarray  # (K,) int8: load that broke it (see `FAILURES`); 0 if intact or unknown
+    fading: np.ndarray  # (K,) int8: p, loads are multiplied by 1 − (load/strength)^p; 0: unchanged until failure
+    failed: np.ndarray  # (K,) int8: load that broke the bond (see `FAILURES`); 0 if intact or unknown
 
     def check_entries(self) -> None:
         """Raise ValueError if an entry is not allowed (see `fields`)."""
@@ -286,7 +286,7 @@ def spheres(
 def flat_walls(
     point: Numbers = (), normal: Numbers = (), *, mass: Numbers = 1.0, material: Numbers = 0, velocity: Numbers = 0.0
 ) -> Walls:
-    """Flat walls through `point` with `normal` (any nonzero length) towards the grains."""
+    """Flat walls through `point`, with a `normal` of any nonzero length that points towards the grains."""
     point, normal = as_numbers(point), as_numbers(normal)
     point, normal = (np.atleast_2d(a) if a.size else np.zeros((0, 3)) for a in (point, normal))
     n = max(len(point), len(normal))
@@ -307,7 +307,7 @@ def flat_walls(
 def box(
     size: Numbers = (1.0, 1.0, 1.0), periodic: tuple[bool, ...] | list[bool] | np.ndarray = (False,) * 3, dim: int = 3
 ) -> Cell:
-    """Cell without walls.
+    """Orthogonal or skewed cell, periodic along chosen vectors.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ def box(
 
 
 def empty_contacts(n_bodies: int, capacity: int, skin: float, bare=False, keyed=True) -> Contacts:
-    """Empty list with room for `capacity` pairs; the first evaluation of forces fills it.
+    """Empty contact list with room for `capacity` pairs; the first evaluation of forces fills it.
 
     `bare` omits `pair` and `roll`, which a run of many grains writes only at the end. `keyed=False` omits `key`.
     """
@@ -366,7 +366,7 @@ def resting(state: State) -> State:
 
 
 def reset_reached(contacts: Contacts) -> Contacts:
-    """Contacts of an equilibrium: only those that slide now count as having reached the Coulomb limit.
+    """Contacts of an equilibrium: only those that are sliding count as having reached the Coulomb limit.
 
     Sliding contacts whose slip is zero have no friction and have not reached a limit.
     """
@@ -444,15 +444,14 @@ def assembly(
     skin: float | None = None,
     time: float = 0.0,
 ) -> State:
-    """Validated state. The list of contacts is built at the first evaluation of forces.
+    """State made of these parts, after validation. Its contact list is built at the first evaluation of forces.
 
     Without a cell, the grains are in open space: a plane for disks (z = 0, I = m R²/2), otherwise three dimensions.
 
     Raises
     ------
     ValueError
-        If the parts do not fit together or hold invalid values, or if the centre of a
-        grain is behind a wall.
+        If the parts do not fit together or contain invalid values, or if the centre of a grain is behind a wall.
     """
     walls = flat_walls() if walls is None else walls
     cell = box(dim=2 if _are_disks(grains) else 3) if cell is None else cell
@@ -493,7 +492,7 @@ def check(state: State) -> None:
 
 
 def _check_space(state: State) -> None:
-    """Raise ValueError if cell or walls are degenerate."""
+    """Raise ValueError if the cell or a wall is degenerate."""
     walls, cell = state.walls, state.cell
     if not len(state.grains.radius):
         raise ValueError("a state needs at least one grain")
@@ -511,7 +510,7 @@ def _check_space(state: State) -> None:
 
 
 def _check_bonds(bonds: Bonds | None) -> None:
-    """Raise ValueError if bonds are not as `packings.bonded` makes them, so that forces would be wrong."""
+    """Raise ValueError if bonds are not as `packings.bonded` makes them, because their forces would be wrong."""
     if bonds is None or not len(bonds.i):
         return
     units = np.linalg.norm(bonds.turn, axis=1), np.linalg.norm(bonds.direction, axis=1)
@@ -586,7 +585,7 @@ def _check_control(state: State) -> None:
     if moves[~periodic].any() or moves[:, ~periodic].any():
         raise ValueError("a cell deforms only along periodic axes: make this axis periodic, or omit its deformation")
     if len(state.walls.mass) or (control.group >= 0).any():
-        raise ValueError("a cell with walls or rigid groups cannot deform: omit either")
+        raise ValueError("a cell with walls or rigid groups cannot deform: remove them, or omit the deformation")
 
 
 def _describe_grains(grains: Grains) -> str:
@@ -679,7 +678,7 @@ def _rows(state: State):
 
 
 def _draw_svg(state: State) -> str:
-    """SVG of the 3000 grains with the largest z, viewed along z."""
+    """SVG of at most 3000 grains, those with the largest z, viewed along z."""
     r, radius = state.grains.position, state.grains.radius
     if not len(radius) or not np.isfinite(r).all():
         return ""

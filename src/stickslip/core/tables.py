@@ -1,4 +1,4 @@
-"""Tables in CSV files: lines of comments after #, one row of headings such as `time [s]`, rows of numbers and words."""
+"""Tables in CSV files: comment lines after #, a row of headings such as `time [s]`, and rows of numbers and words."""
 
 import csv
 import io
@@ -10,7 +10,7 @@ from .text import read_text
 
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 _DECIMAL_POINT = re.compile(r"^[+-]?\d*\.\d+(?:[eE][+-]?\d+)?$")
-_GROUPED = {  # numbers with marks between groups of three digits
+_GROUPED = {  # numbers with separators between groups of three digits
     marks: re.compile(rf"([+-]?\d{{1,3}}(?:[{marks}]\d{{3}})+)([{decimal}]\d+)?$")
     for marks, decimal in ((",", "."), (".", ","), (" '’\u00a0\u2009\u202f", ".,"))
 }
@@ -84,7 +84,7 @@ def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None)
     """Number and fields of each numbered line, with fields separated by `mark`, or by white space if it is None.
 
     Decimal commas, which are in quotation marks if commas separate the fields, become points, and thousands separators
-    are removed. Files with both points and commas are rejected if either may separate thousands throughout.
+    are removed. Files with both points and commas are rejected if either may separate thousands in all numbers.
     """
     if mark is None:
         split = [line.split() for _, line in lines]

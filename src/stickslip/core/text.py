@@ -10,7 +10,7 @@ import numpy as np
 from .reading import read_bytes
 
 LONGEST = 1000  # longest message [characters]
-_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # the mark of UTF-32-LE starts with the first
+_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # that of UTF-32-LE starts with the first
 _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
 # all control characters except tabs and line feeds, and marks that change the direction of writing
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -51,7 +51,7 @@ def decode_text(content: bytes, path: str | Path, *, remedy: str, fallback: str 
 
 
 def has_wide_letters(content: bytes) -> bool:
-    """Return True if characters take two or four bytes, judging by a byte order mark or by zeros in between."""
+    """Return True if characters take two or four bytes, judging by a byte order mark or by zero bytes in between."""
     halves = [set(content[:_SAMPLE_BYTES][k::2]) == {0} for k in (0, 1)]
     return content.startswith(_MARKS) or halves[0] != halves[1]
 
@@ -68,14 +68,14 @@ def parse_integer(word: str) -> int:
 
 
 class SentenceError(ValueError):
-    """Base of errors whose message is one sentence for the user, of at most LONGEST characters."""
+    """Base class of errors whose message is one sentence for the user, of at most LONGEST characters."""
 
     def __init__(self, sentence: str = ""):
         super().__init__(bounded(sentence))
 
 
 def bounded(sentence: str) -> str:
-    """Shorten a message by parts of quoted values; its beginning, and its end with the remedy, are kept."""
+    """Shorten a message: first its long words, then its middle; its end, which contains the remedy, is kept."""
     sentence = printable(sentence)
     if len(sentence) <= LONGEST:
         return sentence

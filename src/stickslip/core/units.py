@@ -26,7 +26,7 @@ _PRESSURE = "force/length^(dim-1)"
 
 @cache
 def units_of(kind: type) -> dict[str, str]:
-    """Units of those fields of a NamedTuple that have exactly one: dimensions, or SI units if the class is in SI.
+    """Units of those fields of a NamedTuple that have exactly one: dimensions, or SI units if the class uses SI.
 
     A unit in the first line of the class docstring applies to all fields.
 
@@ -94,7 +94,7 @@ def units_from(given, dim: int = 3) -> Units:
     Raises
     ------
     ValueError
-        If they cannot be used.
+        If the units cannot be used.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def units_in_use(units: Units | str | dict[str, str] | None) -> Iterator[None]:
     Parameters
     ----------
     units : "SI", names of length, mass and time as in "mm, g, s", a dictionary of these, or the result of
-    `packing_units`; None to print only dimensions
+        `packing_units`; None to print only dimensions
 
     Examples
     --------
@@ -193,7 +193,7 @@ def units_in_use(units: Units | str | dict[str, str] | None) -> Iterator[None]:
 
 
 def current_units() -> Units | None:
-    """Units printed at present; None if unknown."""
+    """Units in use for printing; None if unknown."""
     return _IN_USE.get()
 
 

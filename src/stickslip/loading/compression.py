@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
+import scipy  # scipy.optimize, whose import takes a tenth of a second, is imported on first use
 
 from ..core.arguments import NotNegative, Numbers, Positive, Seed, Values, checked, require_index, require_positive
 from ..core.contacts.forces import forces
@@ -22,18 +22,18 @@ from ..solve.newton import newton
 from .packing import DENSEST, balance, check_radii, frictionless, packing_info, random_grains
 
 LOOSE = {2: 0.72, 3: 0.50}  # packing fractions at the start, below those of random loose packings
-DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, over the smallest radius
-RESOLVED = 1e3  # smallest force of such a contact over the tolerance
-SHARE = 0.15  # time step over the largest stable one of such a contact
-AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over the force of such a contact
-PATIENCE = 50  # reports at the last of these forces, after which it is tried anyway: loose grains come to rest slowly
-CRITICAL = 4.0  # drag of grains and cell times the time scale
-BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and most steps between them
+DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, in smallest radii
+RESOLVED = 1e3  # smallest force of a contact that carries the pressure, in units of the tolerance
+SHARE = 0.15  # time step, in units of the largest stable one for a contact that carries the pressure
+AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, relative to F in `Scales`
+PATIENCE = 50  # reports at the last level after which Newton's method is tried anyway: loose grains come to rest slowly
+CRITICAL = 4.0  # drag of grains and cell, times the time scale
+BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and largest number of steps
 STEPS = 20_000_000  # largest number of time steps of a compression
-NARROWEST = 2  # smallest width of the loose cell over the largest diameter
+NARROWEST = 2  # smallest width of the loose cell, in largest diameters
 LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two are fixed
 BOX_STEPS, BLOCKS = 20_000, 150  # boxes: steps in a block of damped dynamics, and largest number of blocks
-SOFT = 0.01  # largest pressure over kn; beyond it, overlaps are not small
+SOFT = 0.01  # largest pressure, in units of kn; beyond it, overlaps are not small
 FRACTION = 0.86  # boxes: packing fraction of the jammed packing
 LOOSENED = 1.15  # expansion of the jammed packing before the walls compress it
 
@@ -43,7 +43,7 @@ class Scales(NamedTuple):
 
     force: float  # F [force]
     time: float  # √(m d/F), time in which the pressure moves a grain by its diameter [time]
-    stiffness: float  # k d/F, the stiffness of the contact over that of the pressure
+    stiffness: float  # k d/F, the stiffness k of the contact in units of F/d
     dt: float  # time step [time]
 
 
@@ -67,14 +67,14 @@ def compressed(
     Drag brings them to rest, and Newton's method balances forces and pressure. Friction acts from the first contact on,
     so the contact number lies between 2 dim without friction and dim + 1 at large friction, depending on μ and p.
     The inertia of the cell and the drag are chosen such that the pressure is approached without oscillation, at
-    inertial numbers near p/k, the pressure over the stiffness of a contact.
+    inertial numbers near p/k, the pressure divided by the stiffness of a contact.
 
     Parameters
     ----------
     pressure : float [force/length^(dim−1)]
     mu : friction coefficient, not negative, of the law `hertz_mindlin(mu=mu)`; give this or a law
     dim, radius, mass, seed, tolerance : as in `jammed`
-    law : Law of the compression
+    law : Law that acts during the compression
     report : called as report(stage, share, text) during the compression, with the share of the pressure that was
         reached, and a text that gives pressure, unbalanced force, contact number and packing fraction
 
@@ -124,7 +124,7 @@ def compressed(
 def check_pressure(
     law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int, name: str = "pressure"
 ) -> None:  # fmt: skip
-    """Raise ValueError if grains under a law cannot carry a pressure; `name` is its key."""
+    """Raise ValueError if grains under a law cannot carry a pressure; `name` is its key in the message."""
     position = np.zeros((len(radius), dim))
     position[:, 0] = np.cumsum(2 * radius)
     start = assembly((disks if dim == 2 else spheres)(position, radius, mass=mass), cell=box(dim=dim))
@@ -161,7 +161,7 @@ def compression_scales(start: State, law: Law, pressure: float, tolerance: float
 
 
 def _pair(start: State, overlap: float) -> State:
-    """Two touching grains of the mean radius and the smallest mass of a packing."""
+    """Two touching grains with the mean radius and the smallest mass of a packing."""
     grains, dim = start.grains, start.cell.dim
     radius, mass = grains.radius.mean(), grains.mass.min()
     i0 = (grains.inertia / (grains.mass * grains.radius**2)).min()
@@ -315,7 +315,7 @@ class _Scales(NamedTuple):
     """Units of a packing of disks, all 1 by default."""
 
     length: float  # sum of the smallest and the largest radius [length]
-    mass: float  # mass of a disk of that diameter [mass]
+    mass: float  # mass of a disk of the diameter `length` [mass]
     time: float  # √(mass/kn) [time]
 
 

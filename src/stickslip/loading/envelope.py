@@ -21,14 +21,14 @@ from ..solve.newton import Factorisation
 from .compression import stopped
 
 SIZE = 1e-4  # size of a probe, in mean overlaps per diameter
-BALANCED = 1e-7  # residual over the change of forces in a probe
-ROUND_OFF = 1e-15  # round-off of a position, over the width of the cell
-NORMALS = 90  # number of band normals over half a circle, before the smallest value is refined
+BALANCED = 1e-7  # residual, in units of the change of forces in a probe
+ROUND_OFF = 1e-15  # round-off of a position, in units of the width of the cell
+NORMALS = 90  # number of band normals tried over half a circle, before the smallest value is refined
 
 
 @readable
 class Envelope(NamedTuple):
-    """Responses to probes of M directions cos(angle) e₁ + sin(angle) e₂ in a plane of symmetric tensors.
+    """Responses to probes in M directions cos(angle) e₁ + sin(angle) e₂ in a plane of symmetric tensors.
 
     Strain and stress are increments, compression positive, per unit strain (or stress, if that was imposed). They are
     NaN where no equilibrium was found near the state.
@@ -49,12 +49,12 @@ class Envelope(NamedTuple):
 
     @property
     def normalised_work(self) -> np.ndarray:
-        """Second-order work over |dσ| |dε|, (M,), from −1 to 1."""
+        """Second-order work divided by |dσ| |dε|, (M,), from −1 to 1."""
         return self.work / (np.linalg.norm(self.stress, axis=(1, 2)) * np.linalg.norm(self.strain, axis=(1, 2)))
 
     @property
     def cones(self) -> list[tuple[float, float]]:
-        """Ranges of angle with negative second-order work, anticlockwise [rad]; the start may be negative."""
+        """Ranges of angle [rad] with negative second-order work, anticlockwise; a range may start below zero."""
         return negative_ranges(self.angle, self.work)
 
     @property
@@ -89,18 +89,18 @@ def response_envelope(
 
     Parameters
     ----------
-    state : in equilibrium, in a fully periodic cell, without walls or rigid groups; its control is ignored
-    directions : int, evenly spaced in angle
+    state : State in equilibrium, in a fully periodic cell, without walls or rigid groups; its control is ignored
+    directions : int, number of directions, evenly spaced in angle
     control : "strain" imposes all components of the strain, "stress" all components of the stress
     plane : two symmetric (dim, dim) tensors that span the plane; default: yy and xx for disks, yy and (xx + zz)/√2 for
         spheres, the planes of biaxial and triaxial tests along y
-    size : size of the probes, in mean overlaps over diameters, at most 1
+    size : size of the probes, in units of the mean overlap per diameter, at most 1
 
     Raises
     ------
     ValueError
-        If the packing is not in equilibrium, has walls, groups or open sides, or only
-        rattlers, or if the probes would be lost in the round-off of positions.
+        If the packing is not in equilibrium, has walls, rigid groups or open sides, or consists of rattlers only, or
+        if the probes would be lost in the round-off of positions.
 
     Source
     ------
@@ -170,7 +170,7 @@ def _zero(angle: np.ndarray, work: np.ndarray, k: int) -> float:
 
 
 def _round_off(state: State) -> float:
-    """Round-off of forces over the mean force."""
+    """Round-off of forces, in units of the mean force."""
     return float(ROUND_OFF * np.abs(state.cell.vectors).max() / overlaps(state)[touching(state)].mean())
 
 
@@ -249,10 +249,10 @@ def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
 
 @readable
 class Localisation(NamedTuple):
-    """Plane with the lowest resistance to a shear band: smallest determinant of the acoustic tensor n·C·n."""
+    """Plane with the lowest resistance to a shear band: its acoustic tensor n·C·n has the smallest determinant."""
 
     normal: np.ndarray  # (dim,) normal of the plane
-    determinant: float  # of the acoustic tensor, over that of the isotropic tensor nearest to the moduli [1]
+    determinant: float  # that of the acoustic tensor over that of the isotropic tensor nearest to the moduli [1]
 
 
 @checked
@@ -262,8 +262,8 @@ def localisation(state: Committed, law: Law) -> Localisation:
     C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
     that a band across n may form.
 
-    None of 20,000 random planes of a packing of spheres had a smaller determinant; the smallest of them was 2e-5 larger
-    (`tests/unit/test_envelope.py`).
+    None of 20,000 random planes of a packing of spheres had a smaller determinant; the smallest of their determinants
+    was 2e-5 larger (`tests/unit/test_envelope.py`).
 
     Source
     ------

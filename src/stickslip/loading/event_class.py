@@ -4,7 +4,7 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
+import scipy  # scipy.optimize, whose import takes a tenth of a second, is imported on first use
 
 from ..core.contacts.bonding import bond_shares, broken_since, without_failure
 from ..core.contacts.forces import FREE
@@ -25,10 +25,10 @@ PROBE, TRIED = (
     1e-3,
     10,
 )  # fraction of a strain step for extrapolating forces, and number of contacts tried on the motion ahead
-BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, examined for a contact change
-NEAREST, ALMOST = 5, 0.99  # number of the most mobilised sticking contacts also tried, if mobilised above this
+BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, at which contacts are examined for changes
+NEAREST, ALMOST = 5, 0.99  # number of most mobilised sticking contacts also tried, and their least mobilisation
 RUN, SAMPLE = 20_000, 5  # number of steps of a run that measures a growth rate, and of steps between its samples
-LOW, HIGH = 0.01, 0.5  # kinetic energies between which the growth rate is measured, over the largest one
+LOW, HIGH = 0.01, 0.5  # kinetic energies between which the growth rate is measured, in units of the largest one
 
 
 class EventKind(Enum):
@@ -53,29 +53,29 @@ class Event(NamedTuple):
     exponent: float  # p of (γ_c − γ)^p for λ_min or, for pairs, Re λ − (Im λ/drag)²; see `fit_power`; NaN if flat
     exponent_error: float  # standard error of the exponent
     distances: np.ndarray  # (K,) strains before the event, step · 8^(−k)
-    softest: np.ndarray  # (K,) smallest real eigenvalue λ_min there [1/time²]
+    softest: np.ndarray  # (K,) smallest real eigenvalue λ_min at these distances [1/time²]
     re_pair: np.ndarray  # (K,) Re λ of the fastest-growing pair, NaN without a pair [1/time²]
-    growth: np.ndarray  # (K,) growth rate |Im √λ| of that pair without drag, 0 without a pair [1/time]
+    growth: np.ndarray  # (K,) growth rate |Im √λ| of the fastest-growing pair without drag, 0 without a pair [1/time]
     trigger: tuple[int, int]  # grains of the contact whose sliding or opening starts the event, or (−1, −1)
-    mobilisation: float  # |F_t|/(μ F_n) of that contact in the last stable state, or NaN
-    # smallest λ or, for pairs, Re λ − (Im λ/drag)² of the last stable state with that contact sliding or open, which
-    # is negative (unstable); NaN without such a contact [1/time²]
+    mobilisation: float  # |F_t|/(μ F_n) of the triggering contact in the last stable state, or NaN
+    # smallest λ or, for pairs, Re λ − (Im λ/drag)² of the last stable state with the triggering contact sliding or
+    # open, which is negative (unstable); NaN without a triggering contact [1/time²]
     switched: float  # [1/time²]
     growth_rate: float  # initial growth rate of the instability under the drag [1/time]
-    stress_drop: float  # change of σ_xy over the pressure before the event; positive if −σ_xy falls
+    stress_drop: float  # change of σ_xy divided by the pressure before the event; positive if −σ_xy decreases
     jump: float  # root mean square non-affine displacement, in mean diameters
     participation: float  # participation of the jump, (Σ u²)²/(N Σ u⁴), from 1/N to 1
     opened: int  # contacts that opened
     closed: int  # contacts that closed
-    # root mean square distance, in mean diameters, between the state at the end of the strain step and that of Newton's
-    # method alone in one step; NaN if Newton's method fails
+    # root mean square distance, in mean diameters, between the state at the end of the strain step and the state that
+    # Newton's method alone reaches in one step; NaN if Newton's method fails
     newton_distance: float
     broken: np.ndarray = np.zeros((0, 3), int)  # (B, 3) bonds that broke in the event: grains, index in `FAILURES`
 
 
 @readable(head=lambda steps: pluralize(len(steps.strain), "strain step"))
 class StrainStep(NamedTuple):
-    """Predictors at the beginning of each strain step of a path; arrays (S,) over steps."""
+    """Predictors at the beginning of each strain step of a path, as arrays (S,)."""
 
     strain: np.ndarray  # counted from the first state [1]
     softest: np.ndarray  # smallest real eigenvalue λ_min [1/time²]
@@ -104,12 +104,12 @@ class Events(NamedTuple):
 class Break(NamedTuple):
     """Interruption of a path: the points around it."""
 
-    history: list[Point]  # points of the path before it, since the last event
+    history: list[Point]  # points of the path before the interruption, since the last event
     last: Point  # last stable point, in the finer bracket
     upper: float  # upper end of the finer bracket
     before: Point  # last point of the path
     beyond: Point | None  # unstable equilibrium at the upper end, if the branch continues
-    after: Point  # where dynamics ends
+    after: Point  # point at which dynamics ends
     goal: float  # upper end of the bracket
     snaps: bool = False  # whether a bond at its strength starts the interruption
 
@@ -125,14 +125,14 @@ class Profile(NamedTuple):
 
 
 def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
-    """Describe an event, without the result of Newton's method alone."""
+    """Describe an event, except for its `newton_distance`, which is NaN."""
     judge, before, after = event.before.judge, event.before, event.after
     # spectra at distances step · 8^(−k) down to a few widths of the finer bracket
     width, rows = event.upper - event.last.strain, []
     critical, away = event.upper - 0.5 * width, step
     while away >= 4 * width:
         point = _point_at(event, critical - away)
-        if point is not None and (point.stable or not event.last.stable):  # else Newton's method left the path
+        if point is not None and (point.stable or not event.last.stable):  # otherwise, Newton's method left the path
             rows.append((away, *_softness(point)))
         away /= EVENT_RATIO
     profile = Profile(*np.array(rows).reshape(-1, 5).T)
@@ -144,7 +144,7 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
     elif kind is EventKind.UNRESOLVED and event.beyond is not None and event.beyond.oscillates:
         kind = EventKind.PAIR
     contacts = event.last.state.contacts
-    # growth rate of the unstable equilibrium, else of the switched state, else of the motion
+    # growth rate of the unstable equilibrium or, without one, of the switched state or, without one, of the motion
     if event.beyond is not None:
         growth = float(event.beyond.exponents.max())
     elif values is not None:
@@ -174,7 +174,7 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
 
 
 def _weakest(point: Point) -> tuple[int, int]:
-    """Grains of the bond with the largest load over strength."""
+    """Grains of the bond with the largest ratio of load to strength."""
     bonds, first = point.state.bonds, int(bond_shares(point.state).argmax())
     return int(bonds.i[first]), int(bonds.j[first])
 
@@ -209,8 +209,8 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
 
     The error has two parts: the strain of the event is only known to lie within a bracket, and corrections of higher
     order are neglected. The latter are estimated by the first correction, or by the change without the nearest value if
-    that is larger. Where d = A λ² + B λ³, as where a contact with the stiffness √overlap is about to open, p is between
-    1/3 and 1/2 until A λ² dominates.
+    that is larger. If the distance is A λ² + B λ³, as when a contact whose stiffness is proportional to √overlap is
+    about to open, p is between 1/3 and 1/2 until A λ² dominates.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
     Returns
     -------
     float, float
-        both NaN if there are fewer than three values, or if these are not positive or do not fall
+        both NaN if there are fewer than three values, or if these are not positive or do not decrease
 
     Examples
     --------
@@ -252,7 +252,7 @@ def _power(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def _classify(event: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
-    """Kind of an event as far as determined by spectra, and the exponent with its error."""
+    """Kind of an event as far as spectra determine it, and the exponent with its error."""
     if not event.last.stable:
         return EventKind.UNSTABLE, (np.nan, np.nan)
     for kind, values in ((EventKind.SADDLE_NODE, profile.softest), (EventKind.PAIR, profile.margin)):
@@ -270,7 +270,7 @@ def vanishes(power: float, error: float) -> bool:
 def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray] | None:
     """Contact that slides or opens within the bracket and thereby makes the last stable state unstable.
 
-    Contacts that reach the Coulomb limit, or open, follow from the linear motion ahead. In this switch test, the
+    Contacts that reach the Coulomb limit or open are predicted from the linear motion ahead. In this switch test, the
     trigger is the first one whose sliding or opening gives the Jacobian of the last stable state a growing mode.
 
     Returns
@@ -313,7 +313,7 @@ def _upcoming(last: Point, upper: float):
 def loss_ahead(point: Point, strain: float) -> float:
     """Strain at which the linear motion ahead loses a contact and the state becomes unstable; ∞ if there is none.
 
-    A contact is lost where it reaches the Coulomb limit or opens. Forces and distances to the limit are extrapolated
+    A contact is lost when it reaches the Coulomb limit or opens. Forces and distances to the limit are extrapolated
     from their change over a small part of `strain`. Contacts are tried one by one in the order of their loss.
 
     The law is evaluated at rest, as in quasi-static loading. In tests, sliding started at most a twentieth of a strain
@@ -352,7 +352,7 @@ def _coordinates(response, strain: float) -> np.ndarray:
 def motion_growth(point: Point, strain: float, judge: Judge) -> float:
     """Growth rate of the motion that follows a strain step, from its kinetic energy K(t) ~ exp(2 g t) [1/time].
 
-    It is a mean over the last rise of K from 1 % to 50 % of its maximum.
+    The rate is averaged over the last rise of K from 1 % to 50 % of its maximum.
     """
     start = without_failure(point.strained_to(strain))
     dt = TIME_STEP * stable_time_step(start, judge.law)

@@ -2,9 +2,9 @@
 
 Forecasts are made from quantities that vanish at the event as a known power of the remaining strain. Near a saddle
 node, the remaining strain is d = A λ² + B λ³ + …, where λ is the smallest real eigenvalue; the second term dominates
-far from it if a contact of stiffness √overlap is about to open. Near the birth of a complex pair, the squared gap
-between two real eigenvalues is linear in the strain. Linear extrapolation predicts when contacts reach the Coulomb
-limit or open.
+far from the event if a contact with a stiffness ∝ √overlap is about to open. Near the birth of a complex pair, the
+squared gap between two real eigenvalues is linear in the strain. Linear extrapolation predicts when contacts reach the
+Coulomb limit or open.
 """
 
 from collections.abc import Iterator
@@ -30,21 +30,21 @@ from ..solve.newton import Factorisation, newton
 from ..solve.shear_response import PRUNE, Response, damped_exponents, root_mean_square, support
 from .settling import SIMPLE, Deformation
 
-BEND = 0.05  # largest distance of a motion from those predicted at its ends, over the larger, on a continuous path
-JUMP = 10.0  # motion over its prediction in a bracket, above which it is a jump
-TINY = 1e-4  # overlap that replaces the mean in a cemented packing without overlaps, over the mean diameter
-UNLOADED = 1e-3  # force that replaces the mean in a cemented packing at rest, over the natural one
-STILL = 1e-7  # displacement below which there was no jump, in mean overlaps
-BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
+BEND = 0.05  # largest deviation of a continuous motion from the predictions at its ends, over the larger prediction
+JUMP = 10.0  # ratio of the motion in a bracket to its prediction, above which it is a jump
+TINY = 1e-4  # overlap that replaces the mean one in a cemented packing without overlaps, in mean diameters
+UNLOADED = 1e-3  # force that replaces the mean one in a cemented packing at rest, in natural units
+STILL = 1e-7  # displacement, in mean overlaps, below which there was no jump
+BALANCED = 5e-11  # largest unbalanced force, in units of the mean normal force
 ITERATIONS, PATIENCE = 30, 3  # largest number of Newton steps, and of those that leave more than half of the residual
-RESTING = (1e-6, 1e-8, 1e-10)  # residuals, over the mean normal force, at which Newton's method follows dynamics
+RESTING = (1e-6, 1e-8, 1e-10)  # residuals, relative to the mean normal force, at which Newton's method follows dynamics
 KICK = 1e-3  # largest displacement along a growing mode at the start of dynamics, in mean overlaps
-LEFT = 10.0  # distance from an unstable equilibrium, over that of the start, at which it counts as left
+LEFT = 10.0  # distance from an unstable equilibrium, in units of the initial one, at which it counts as left
 TIME_STEP = 0.2  # time step of dynamics, in units of the longest stable one
 MOST_STEPS = 500_000  # largest number of steps of dynamics
 # dynamics from an unstable equilibrium: e-foldings of growth, then of decay, and largest number of steps
 E_FOLDS, DECAYS, MOST_KICKED = 40.0, 1000.0, 200_000
-AROUND = 0.3  # distance from an equilibrium about which a packing oscillates endlessly, in mean overlaps
+AROUND = 0.3  # largest distance, in mean overlaps, from an equilibrium about which a packing oscillates endlessly
 MOST_DEPARTURES = 5  # largest number of departures from one unstable equilibrium to another
 GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest frequency
 
@@ -63,7 +63,7 @@ class Judge:
         self.keep = Factorisation()
 
     def newton(self, state: State, *, thorough: bool = False) -> State | None:
-        """State at rest from Newton's method, or None; by default it gives up early and starts with an old matrix."""
+        """State at rest from Newton's method, or None; by default this gives up early and starts with an old matrix."""
         end, outcome = newton(
             state, self.law, tolerance=BALANCED * self.force, iterations=ITERATIONS,
             patience=None if thorough else PATIENCE, keep=Factorisation() if thorough else self.keep,
@@ -81,8 +81,8 @@ class Judge:
     def rest(self, state: State, steps: int = MOST_STEPS) -> tuple[State, bool]:
         """Final state of damped dynamics, and whether it came to rest; Newton's method only removes residuals.
 
-        Until then, bonds do not break unless they fade. Bonds at their strength then break one by one, in the order of
-        load over strength, with dynamics after each.
+        Before that, bonds do not break unless they fade. Bonds at their strength then break one by one, first the one
+        with the largest ratio of load to strength, and dynamics follows each break.
         """
         end, rested = self._rest(state, steps)
         while rested and (weaker := with_weakest_broken(end)) is not end:
@@ -118,13 +118,13 @@ class Point:
 
     @cached_property
     def response(self) -> Response:
-        """Linear response."""
+        """Linear response of the equilibrium."""
         judge = self.judge
         return Response(self.state, judge.law, judge.prune, slip=judge.slip, gradient=judge.way.gradient)
 
     @cached_property
     def eigenvalues(self) -> np.ndarray:
-        """Eigenvalues of the supported grains, or of all if only the latter are stable (a contact is about to open)."""
+        """Eigenvalues of the supported grains, or of all if only these are stable (a contact is about to open)."""
         pruned = self.response.eigenvalues
         return (
             self.response.with_all_contacts
@@ -158,7 +158,7 @@ class Point:
 
     @property
     def stress(self) -> tuple[float, float]:
-        """Stress that does work on the strain, −σ_xy in simple shear, and the pressure [force/length^(dim−1)]."""
+        """Stress conjugate to the strain, −σ_xy in simple shear, and the pressure [force/length^(dim−1)]."""
         force, branch, dim = contact_forces(self.state, self.judge.law), self.response.branch, self.state.cell.dim
         sigma = np.einsum("ca,cb->ab", force, branch) / volume(self.state)
         return -float((sigma * self.judge.way.gradient).sum()), float(np.trace(sigma)) / dim
@@ -233,7 +233,7 @@ def continuous(a: Point, b: Point, bend: float = BEND) -> bool:
     """Return True if grains moved from one point to the next as the linear responses at both ends predict.
 
     If a contact changes in between, the motion lies between the two predictions. The criterion is therefore the
-    distance from the line between them; `bend` is its largest value over the larger prediction.
+    distance from the line between them; `bend` is its largest ratio to the larger prediction.
     """
     both, strain = a.response.support.grains & b.response.support.grains, b.strain - a.strain
     if not both.any():
@@ -273,7 +273,7 @@ def depart(point: Point) -> tuple[Point | None, bool]:
     Point or None
         point where dynamics comes to rest elsewhere; None if it returns, or oscillates endlessly about the equilibrium
     bool
-        whether it came to rest
+        whether dynamics came to rest
     """
     start, grains = point.with_kick(), point.response.support.grains
     time = E_FOLDS / point.exponents.max() + DECAYS / point.judge.drag
@@ -285,7 +285,7 @@ def depart(point: Point) -> tuple[Point | None, bool]:
 
 
 def fall(point: Point, strain: float) -> Point | None:
-    """Point to which dynamics leads from the state of another point at an advanced strain.
+    """Point to which dynamics leads from another point after its strain has been changed.
 
     If dynamics does not come to rest, the result is the equilibrium about which it oscillates; None if there is none.
     """
@@ -311,13 +311,13 @@ def settle(point: Point) -> Point:
     return point
 
 
-COUPLED = 0.5  # overlap of the modes of two real eigenvalues above which these are followed
-SAME = 0.05  # largest relative change of their mean from one step to the next
+COUPLED = 0.5  # overlap of the modes of two real eigenvalues above which the two are followed
+SAME = 0.05  # largest relative change of the mean of the two from one step to the next
 WINDOWS = (3, 4, 5, 6)  # numbers of steps from which the strain of an event is extrapolated
 FAR = 6.0  # number of strain steps beyond which no forecast is made
-LEVEL = 0.8  # level of the intervals
+LEVEL = 0.8  # confidence level of the intervals
 SADDLE, PAIR, CONTACT = "softest eigenvalue", "gap of two real eigenvalues", "motion of contacts ahead"
-# Quantiles of ln(strain left / extrapolated strain left) where the event occurred. Widened by the scatter of the
+# Quantiles of ln(strain left / extrapolated strain left) for events that occurred. Widened by the scatter of the
 # windows, the intervals contain LEVEL of the events in packings that `python -m benchmarks forecast` does not use; for
 # saddle nodes, these are the packings with even numbers in the reference catalogue
 CALIBRATED = {SADDLE: (-1.0, 0.1, 1.4), PAIR: (-0.7, 0.4, 1.7), CONTACT: (-0.45, -0.03, 0.9)}
@@ -336,7 +336,7 @@ class Signs(NamedTuple):
 
 @readable(head=lambda one: str(one))
 class Forecast(NamedTuple):
-    """Forecast of the strain of the next event, or of the next complex pair, with an interval of 80 %.
+    """Forecast of the strain of the next event, or of the next complex pair, with an 80 % interval.
 
     The interval is valid if the event occurs at all: it contained the strains of 80 % of the events that occurred in
     other packings. It is widened by the scatter of extrapolations from several windows of steps. Many predicted events
@@ -345,7 +345,7 @@ class Forecast(NamedTuple):
 
     of: str  # "event" or "pair"
     basis: str  # basis of the forecast
-    made: float  # strain at which it was made
+    made: float  # strain at which the forecast was made
     strain: float
     low: float
     high: float
@@ -358,7 +358,7 @@ class Forecast(NamedTuple):
         )
 
     def signed(self, sign: int) -> "Forecast":
-        """Forecast in the strain of the path, which falls if the sign is −1."""
+        """Forecast in the strain of the path, which decreases if the sign is −1."""
         return self._replace(**{name: sign * getattr(self, name) for name in ("made", "strain", "low", "high")})
 
 
@@ -377,7 +377,7 @@ def forecast(signs: Signs) -> list[Forecast]:
 
 
 def extrapolations(signs: Signs, basis: str) -> tuple[str, np.ndarray]:
-    """Remaining strains from the last step, extrapolated from several windows; none if most windows give none."""
+    """Strains that remain after the last step, extrapolated from several windows; empty if most windows give none."""
     step = float(np.diff(signs.strain[-2:]).sum())
     found = {SADDLE: _to_saddle_node, PAIR: _to_pair, CONTACT: _to_loss}[basis](signs)
     left = np.array([value for value in found if 0 < value <= FAR * step])
@@ -394,7 +394,7 @@ def _with_interval(of: str, basis: str, made: float, left: np.ndarray) -> Foreca
 
 
 def _to_saddle_node(signs: Signs) -> list[float]:
-    """Strains to the zero of the softest eigenvalue, with γ = γ_c − A λ² − B λ³ in each window."""
+    """Strains to the zero of the softest eigenvalue, from fits of γ = γ_c − A λ² − B λ³ in each window."""
     found = []
     for width in WINDOWS:
         strain, value = signs.strain[-width:], signs.softest[-width:]
@@ -426,7 +426,7 @@ def _to_loss(signs: Signs) -> list[float]:
 
 
 def _to_pair(signs: Signs) -> list[float]:
-    """Strains to the zero of the squared gap of two coupled real eigenvalues, for those that meet first."""
+    """Strains to the zero of the squared gap of two coupled real eigenvalues, for the two that meet first."""
     best: list[float] = []
     for mean, *_ in signs.couples[-1]:
         strain, square = _history(signs, mean)

@@ -30,7 +30,7 @@ from .packing import reduced_cell
 from .settling import Deformation, Mode, deformation
 
 SMALLEST = 0.02  # smallest displacement of an event, in mean overlaps
-FINER = 1024  # width of a bracket over that of the finer bracket, from which distances to an event are measured
+FINER = 1024  # ratio of the width of a bracket to that of the finer one, from which distances to an event are measured
 MOST_STEPS = 1_000_000  # largest number of strain steps of a search
 TRIALS = 200  # largest number of steps to find the finer bracket
 THOROUGH = 4  # largest step, in widths of a bracket, for which Newton's method may converge slowly
@@ -52,7 +52,7 @@ def find_events(
     under the drag and if the grains moved as the linear responses at both ends predict. Any other step is halved
     repeatedly, down to `resolution`; from the last stable state, dynamics with the drag then determines the next state.
     If this is not a continuation of the path, there is an *event*; `EventKind` and `Event` list its properties. Breaks
-    of bonds are also events: where the first bond reaches its strength, it breaks, and dynamics determines the next
+    of bonds are also events: when the first bond reaches its strength, it breaks, and dynamics determines the next
     state; other bonds may break on the way.
 
     Parameters
@@ -60,16 +60,16 @@ def find_events(
     state : packing in a periodic cell, without walls
     law : Law without dashpots; drag is the only dissipation
     to : strain at which the search ends, counted from the given state
-    drag : ν in m r̈ = F − m ν ṙ, for translations and rotations, without a default: a complex pair λ grows only if Re λ
-    < (Im λ/ν)², so the drag is part of the definition of an event. Usual values are 0.2 to 2 over
-    `stable_time_step`, or 0.1 to 1 times the highest frequency [1/time]
+    drag : ν in m r̈ = F − m ν ṙ, for translations and rotations, without a default: a complex pair λ grows only if
+        Re λ < (Im λ/ν)², so the drag is part of the definition of an event. Usual values are 0.2 to 2 divided by
+        `stable_time_step`, or 0.1 to 1 times the highest frequency [1/time]
     step : largest strain step
     resolution : largest width of a bracket
     smallest : root mean square non-affine displacement of grains, in mean overlaps of the given state, above which a
-    jump is an event; smaller jumps, such as stick-slip of a single contact, are part of the path
+        jump is an event; smaller jumps, such as stick-slip of a single contact, are part of the path
     most : number of events after which the search ends, at the end of the strain step
     prune : fraction of the mean overlap below which a contact does not support grains; see `solve.shear_response`
-    mode, sign : deformation of the cell (see `aqs`); stresses are the work conjugates of the strain
+    mode, sign : deformation of the cell (see `aqs`); stresses are work-conjugate to the strain
     report : called as report(stage, share done, text) after each strain step
 
     Raises
@@ -111,7 +111,7 @@ def find_events(
 
 
 def check_packing(state: State, law: Law) -> None:
-    """Raise ValueError for a packing that is not loaded by strain alone, or an unsuitable law."""
+    """Raise ValueError for an unsuitable law, or for a packing that is not loaded by strain alone."""
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
         raise ValueError("the packing has walls: events can be searched for only in a periodic cell under shear")
@@ -139,7 +139,7 @@ def _check(to: float, step: float, resolution: float) -> None:
 
 
 def first_point(state: State, law: Law, drag: float, prune: float, way: Deformation) -> Point:
-    """Given state at rest under the law; contacts of a packing made without friction are first made to stick."""
+    """First point of a path, the given state at rest; contacts of a packing made without friction are made to stick."""
     here = commit(state, law)
     if not len(touching(here)):
         raise ValueError("the packing has no contacts and carries no load: compress it first")
@@ -161,7 +161,7 @@ class Search:
         self.least = smallest * point.judge.overlap  # smallest displacement of an event
         self.events: list[Event] = []
         self.history = [point]  # since the last event
-        self.loss: Break | None = None  # strain at which stability was lost, if the path continued
+        self.loss: Break | None = None  # interruption at which stability was lost, if the path continued
 
     def advance(self, goal: float) -> bool:
         """Follow the path to a strain; return False if dynamics does not come to rest."""
@@ -250,7 +250,7 @@ class Search:
             return True
         path, upper = self._refine_break(before, goal) if before.stable else ([before], goal)
         break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal, snaps)
-        if path[-1].strain == goal:  # still shorter steps pass
+        if path[-1].strain == goal:  # even shorter steps succeed
             self._accept(path[-1])
         elif jumps:
             self._record(break_)

@@ -30,24 +30,24 @@ from .protocols import SAME_PAIR, Change, Equilibrium, bisect_change
 from .quasistatic import aqs
 from .settling import Deformation, Mode, deformation
 
-STEP = 0.02  # default strain step, in mean overlaps over the mean diameter
+STEP = 0.02  # default strain step, in units of the mean overlap divided by the mean diameter
 STEPS = 500  # default largest number of steps
 LONGEST = 0.1  # largest strain step, beyond which the packing does not persist
 RESOLUTION = 2.5e-3  # width of the bracket of an event, in strain steps
 DRAG = 0.1  # default drag, in units of the highest frequency
-AT_MOST = 2500  # largest number of coordinates, as each step needs several dense spectra
+AT_MOST = 2500  # largest number of coordinates, because each step needs several dense spectra
 MOST_STEPS = 100_000
-COUPLES = 8  # pairs of coupled real modes that are stored at each step
-TRIED, DECISIVE = 25, 5  # numbers of contact changes whose spectrum is computed, and of those reported
+COUPLES = 8  # number of pairs of coupled real modes that are stored at each step
+TRIED, DECISIVE = 25, 5  # numbers of contact changes for which the spectrum is computed, and that are reported
 CHANGES = ("opens", "closes", "starts to slide", "sticks again")
-TO_BREAK = 20  # least number of default steps up to the first break by linear response
+TO_BREAK = 20  # least number of default steps before the first break that linear response predicts
 
 
 @readable(head=lambda step: f"strain {step.strain:.6g}, {pluralize(step.pairs, 'complex pair')}")
 class PathStep(NamedTuple):
-    """End of a strain step, an equilibrium, with the changes during the step."""
+    """Equilibrium at the end of a strain step, and the changes during the step."""
 
-    strain: float  # strain since the first state, negative if it falls [1]
+    strain: float  # strain since the first state, negative if it decreases [1]
     stress: float  # stress conjugate to the strain: −σ_xy, (σ_yy − σ_xx)/2, pressure or σ_yy [force/length^(dim−1)]
     pressure: float  # [force/length^(dim−1)]
     pairs: int  # complex pairs
@@ -56,15 +56,15 @@ class PathStep(NamedTuple):
     exponent: float  # largest exponent of growth under the drag, negative if the state is stable [1/time]
     negative: int  # directions of negative stiffness
     touching: int  # contacts
-    sliding: int  # contacts with force at the Coulomb limit
-    loss_ahead: float  # strain at which the linear motion loses a contact and becomes unstable
+    sliding: int  # contacts with a force at the Coulomb limit
+    loss_ahead: float  # strain at which the linear motion loses a contact and the state becomes unstable
     couples: np.ndarray  # (K, 3) coupled real modes: mean eigenvalue [1/time²], squared gap [1/time^4], overlap [1]
-    changes: np.ndarray  # (C, 3) change of a contact since the last step, index in CHANGES, and its two grains
+    changes: np.ndarray  # (C, 3) changes of contacts since the last step: index in CHANGES, and the two grains
     events: tuple[Event, ...]  # discontinuities since the last step; strains without the sign of the path
     tolerated: bool  # the spectrum is unstable, but dynamics stays near this state
     state: State
     bonds: int = 0  # intact bonds
-    bond_share: float = 0.0  # largest load of a bond over its strength
+    bond_share: float = 0.0  # largest ratio of load to strength of a bond
 
     @property
     def verdict(self) -> str:
@@ -84,7 +84,7 @@ class PairLife(NamedTuple):
     died_above: float
     growth: float  # largest growth rate [1/time]
     at: float  # strain of the largest growth rate
-    event: bool  # whether an event lies in one of these brackets: then the pair began or ended with its jump
+    event: bool  # whether an event lies in one of these brackets: then the pair began or ended with this jump
 
 
 @readable
@@ -105,13 +105,13 @@ class Failure(NamedTuple):
 
     law: Law
     mode: Mode
-    sign: int  # −1 if the strain falls
+    sign: int  # −1 if the strain decreases
     step: float
     drag: float  # [1/time]
     resolution: float  # largest width of the bracket of an event
     steps: tuple[PathStep, ...]
     pairs: tuple[PairLife, ...]
-    onset: Change | None  # bracket of the first complex pair
+    onset: Change | None  # bracket of the birth of the first complex pair
     decisive: tuple[DecisiveContact, ...]  # contacts of the last state on which its growth depends most
     verdict: str  # verdict on the last state
     reason: str  # reason why the path ended
@@ -146,7 +146,7 @@ class Failure(NamedTuple):
         return out
 
     def to_dataframe(self):
-        """Curve with a row for each strain step, as a pandas DataFrame."""
+        """Table of the path as a pandas DataFrame, with a row for each strain step."""
         import pandas
 
         names = [name for name, kind in PathStep.__annotations__.items() if kind in (int, float, bool)]
@@ -155,7 +155,7 @@ class Failure(NamedTuple):
 
 
 class Loading(NamedTuple):
-    """Options of a path, completed from the packing."""
+    """Options of a path, with defaults derived from the packing."""
 
     law: Law  # without dashpots
     way: Deformation
@@ -188,14 +188,14 @@ def shear_to_failure(
 
     Parameters
     ----------
-    state : packing at rest in a periodic cell, without walls and loads
+    state : packing at rest in a periodic cell, without walls or loads
     until : "first-pair", the birth of a complex pair; "first-event", a discontinuity of the path, such as the break of
         a bond; "first-break", the first break of a bond; or a strain, negative for shear in the opposite direction or
-        unloading. Breaks on the way to it are events
-    mode, reverse : deformation of the cell (see `aqs`); with "first-…", reverse=True lets the strain fall
-    step : largest strain step; default 0.02 mean overlaps over the mean diameter, rounded to one digit; with bonds at
-        most a twentieth of the strain at which the first one breaks by linear response
-    limit : strain at which the path ends without an instability; default 500 steps
+        unloading. Bonds that break on the way are events
+    mode, reverse : deformation of the cell (see `aqs`); with "first-…", reverse=True makes the strain decrease
+    step : largest strain step; default 0.02 mean overlaps divided by the mean diameter, rounded to one digit; with
+        bonds, at most a twentieth of the strain at which linear response predicts the first break
+    limit : strain at which the path ends even without an instability; default 500 steps
     drag : ν of the dynamics that determine events (see `find_events`); default a tenth of the highest
         frequency [1/time]
     prune : see `find_events`
@@ -238,7 +238,7 @@ def shear_to_failure(
 
 
 def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterator[PathStep]:
-    """Steps of a path up to its largest strain, each loaded from a file, or computed and saved."""
+    """Steps of a path up to its largest strain, each of them loaded from a file, or computed and saved."""
     before = None
     for k in range(int(np.ceil(round(how.limit / how.step, 9))) + 1):
         goal = min(how.limit, k * how.step)
@@ -250,7 +250,7 @@ def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterat
 
 
 def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRUNE) -> Loading:
-    """Check a packing and the options of a path, and complete these from the packing."""
+    """Check a packing and the options of a path, and derive missing options from the packing."""
     bare = with_values(law, damping_n=0.0, damping_t=0.0) if damping_model(law) else law
     if until == "first-break" and not (state.bonds and state.bonds.intact.any()):
         raise ValueError("first-break requires intact bonds: create them with packings.bonded")
@@ -289,7 +289,7 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
 
 
 def _break_ahead(state: State, law: Law, way: Deformation) -> float:
-    """Longest step on the way to the first break by linear response; infinite without bonds that break."""
+    """Longest step, a fraction of the strain at which linear response predicts a break; infinite without bonds."""
     if not state.bonds or not state.bonds.intact.any():
         return np.inf
     dim = state.cell.dim

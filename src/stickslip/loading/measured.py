@@ -21,33 +21,33 @@ from ..data.exchange.force_network import MeasuredForces, read_forces, unit_bran
 from ..data.sample import PackingError, from_arrays, law_note, naming, with_one_account
 from ..solve.inversion import nearest_point, overlap_of_force, slip_of_force
 
-STEPS, SETTLED = 100, 1e-8  # most linearisations, and largest change in the last one over the errors
-# after a step longer than this fraction of the previous one, steps are halved (down to a quarter) if it turned back,
-# and doubled (up to four times) if it went on
+STEPS, SETTLED = 100, 1e-8  # largest number of linearisations, and largest change in the last one, in errors
+# after a step longer than this fraction of the previous one, steps are halved (down to a quarter) if its direction was
+# reversed, and doubled (up to four times) if it was kept
 FALLS, SHORTEST, LONGEST = 0.7, 1 / 4, 4.0
-LEAST_ERROR = 1e-5  # smallest estimated error over the mean radius or force
-FAR, NEAR = 5.0, 8.0  # errors beyond which a measurement is impossible, and within which grains may touch
-OPENS, APART = 1e-6, 1e-9  # force of an open contact over the mean force, and its gap over the mean radius
-WEAK = 1e-2  # force over the mean force below which dδ/dF_n is that of this force, so that steps do not cycle
+LEAST_ERROR = 1e-5  # smallest estimated error, in units of the mean radius or force
+FAR, NEAR = 5.0, 8.0  # number of errors beyond which a measurement is impossible, and within which grains may touch
+OPENS, APART = 1e-6, 1e-9  # force of an open contact in mean forces, and its gap in mean radii
+WEAK = 1e-2  # force, in mean forces, below which dδ/dF_n is that at this force, so that steps do not cycle
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit at which a contact slides
 FACETS = 8  # number of facets of the Coulomb cone between spheres
-BLUNT = 1e-3  # tangential force over its error below which the curvature of the cone is that of this force
+BLUNT = 1e-3  # tangential force, in errors, below which the curvature of the cone is that at this force
 
 
 @readable
 class Adjustment(NamedTuple):
-    """Changes of measured positions and forces that make the forces balance, in errors of measurement."""
+    """Changes of measured positions and forces that make the forces balance, in units of the errors."""
 
     chi_square: float  # Σ (change/error)² over all coordinates and forces
     degrees: int  # degrees of freedom: equations and active limits
     position_error: float  # mean error of a coordinate, given or estimated [length]
     force_error: float  # mean error of a normal force, given or estimated [force]
     largest_move: float  # largest displacement of a coordinate
-    rms_move: float  # root mean square over all coordinates
+    rms_move: float  # root mean square displacement over all coordinates
     largest_force: float  # largest change of a normal or tangential force
-    rms_force: float  # root mean square over all forces
+    rms_force: float  # root mean square change over all forces
     at_limit: int  # contacts at the Coulomb limit
-    moved_to_limit: int  # of these, contacts measured beyond the limit
+    moved_to_limit: int  # contacts at the limit that were measured beyond it
     opened: tuple[tuple[int, int], ...]  # grains of contacts that carry no force in the balanced state
 
     def __str__(self) -> str:
@@ -75,9 +75,9 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
 
     Parameters
     ----------
-    measured : from `read_forces`
+    measured : positions and contact forces, from `read_forces`
     law : Law with friction, of one material, whose forces follow from overlap and slip
-    density : float or (N,), mass over the area of a disk or volume of a sphere [mass/length²] or [mass/length³]
+    density : float or (N,), mass per area of a disk or volume of a sphere [mass/length²] or [mass/length³]
 
     Returns
     -------
@@ -144,8 +144,8 @@ class _Network(NamedTuple):
     measured: MeasuredForces
     law: Law
     least: float  # smallest normal force of a contact
-    near: np.ndarray  # (2, P) grains without contact that might overlap
-    start: np.ndarray  # (D (N + C),) first guess of the changes over the errors
+    near: np.ndarray  # (2, P) pairs of grains without contact that might overlap
+    start: np.ndarray  # (D (N + C),) first guess of the changes, in errors
     opened: tuple[tuple[int, int], ...] = ()
     spent: float = 0.0  # chi² of the forces of opened contacts
 
@@ -178,7 +178,7 @@ class _Network(NamedTuple):
         return m.position + position.reshape(-1, m.dim), m.force_n + force_n, before + force_t.reshape(-1, m.dim - 1)
 
     def solve(self) -> tuple[np.ndarray, int]:
-        """(D (N + C),) smallest balancing change, and the number of equations and active inequalities."""
+        """(D (N + C),) smallest change that balances forces, and the number of equations and active inequalities."""
         change, share, size, bent, step = self.start, 1.0, np.inf, None, np.zeros(len(self.start))
         for _ in range(STEPS):
             nearest = nearest_point(*self.linearise(change), bent, change)
@@ -233,15 +233,15 @@ class _Network(NamedTuple):
         return a, a @ change - np.concatenate(values[:3]), g, g @ change - np.concatenate(values[3:])
 
     def bearing(self, change: np.ndarray) -> np.ndarray:
-        """(D (N + C),) mask; False for tangential forces of contacts about to open: their directions do not converge"""
+        """(D (N + C),) mask; False for tangential forces of contacts about to open, whose directions do not converge"""
         m = self.measured
         bears = self.at(change)[1] > 2 * self.least
         return np.concatenate([np.ones(m.position.size + len(bears), bool), np.repeat(bears, m.dim - 1)])
 
     def curvature(self, change: np.ndarray, pushes: np.ndarray):
-        """Second derivative of the limits of tangential forces times their multipliers, needed for convergence.
+        """Second derivative of the limits of tangential forces, times their multipliers; needed for convergence.
 
-        That of |t| is (1 − t̂ ⊗ t̂)/|t|.
+        The second derivative of |t| is (1 − t̂ ⊗ t̂)/|t|.
         """
         m, force_t = self.measured, self.at(change)[2]
         count, size = len(force_t), np.maximum(np.linalg.norm(force_t, axis=1), BLUNT * m.force_t_error)
@@ -332,12 +332,12 @@ class _Directions(NamedTuple):
 
     normal: np.ndarray  # (C, D) from j to i
     across: np.ndarray  # (C, D − 1, D) unit vectors of the components; in a plane n × z
-    twist: np.ndarray  # (C, D) the vectors turn about n by twist · dn when n changes by dn
+    twist: np.ndarray  # (C, D) when n changes by dn, the vectors `across` turn about n by twist · dn
     distance: np.ndarray  # (C,)
 
     @classmethod
     def of(cls, m: MeasuredForces, place: np.ndarray) -> "_Directions":
-        """Directions after grains moved: vectors across turn with the normals, by the shortest way."""
+        """Directions after grains moved: the vectors `across` turn with the normals, by the smallest angle."""
         branch = place[m.pair_i] - place[m.pair_j]
         distance = np.linalg.norm(branch, axis=1)
         normal = branch / distance[:, None]
@@ -358,19 +358,19 @@ class _Directions(NamedTuple):
 
     @property
     def levers(self) -> np.ndarray:
-        """(C, 1 or 3, D − 1) torques of unit tangential forces on both grains, over their radii: −n × t."""
+        """(C, 1 or 3, D − 1) torques of unit tangential forces on both grains, divided by their radii: −n × t."""
         if self.normal.shape[1] == 2:
             return np.ones((len(self.normal), 1, 1))
         return -np.cross(self.normal[:, None], self.across).transpose(0, 2, 1)
 
     def torque(self, force_t: np.ndarray) -> np.ndarray:
-        """(C, 1 or 3) torques on both grains over their radii."""
+        """(C, 1 or 3) torques on both grains, divided by their radii."""
         return np.einsum("cra,ca->cr", self.levers, force_t)
 
     def force_slopes(self, force_n: np.ndarray, force_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(C, D, D) and (C, 1 or 3, D): change of forces and torques with the branch vector, at fixed components.
 
-        With dn = (1 − n ⊗ n) dr/r: dt = −n (t · dn) + (n × t) (twist · dn), and of −n × t: t × dn + t (twist · dn).
+        With dn = (1 − n ⊗ n) dr/r: dt = −n (t · dn) + (n × t) (twist · dn), d(−n × t) = t × dn + t (twist · dn).
         """
         n, t, dim = self.normal, self.total(0 * force_n, force_t), self.normal.shape[1]
         turn = (np.eye(dim) - n[:, :, None] * n[:, None]) / self.distance[:, None, None]

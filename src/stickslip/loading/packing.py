@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
+import scipy  # scipy.optimize, whose import takes a tenth of a second, is imported on first use
 
 from ..core.arguments import Positive, Seed, Values, checked, knows_bonds, require_index
 from ..core.contacts.forces import accept, forces
@@ -94,7 +94,7 @@ def with_push(state: State, push: float, disk: int = 0) -> State:
 
 
 DENSEST = 1.5  # packing fraction beyond which grains overlap by a large part of their radius
-MANY = 2000  # number of grains from which FIRE is used; for fewer, stored numbers depend on samples from L-BFGS-B
+MANY = 2000  # least number of grains for which FIRE is used; for fewer, stored numbers depend on samples from L-BFGS-B
 JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grains jam
 
 
@@ -136,7 +136,7 @@ def jammed(
 
     Parameters
     ----------
-    packing_fraction : float, volume of all grains (overlaps counted twice) over that of the box (area in 2D)
+    packing_fraction : float, volume of all grains (overlaps counted twice) divided by that of the box (area in 2D)
     pressure : float [force/length^(dim−1)], reached to a relative accuracy of 1e-6; give this or the packing fraction
     dim : 2 (disks) or 3 (spheres)
     radius : float; or a few sizes with equal numbers of grains, such as (0.5, 0.7) for half and half; or (n,) radii
@@ -254,7 +254,7 @@ def random_grains(
 
 
 def check_radii(radius, n: int) -> np.ndarray:
-    """Radii of n grains, from one radius, a few that equal numbers of grains have, or n radii."""
+    """Radii of n grains, from one radius, a few radii shared by equal numbers of grains, or n radii."""
     if n < 2:
         raise ValueError(f"a packing needs at least 2 grains, got n = {n}")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
@@ -309,7 +309,7 @@ def _minimise(state: State, law: Law, scales: Scales) -> State:
 
 
 def _least(state: State, law: Law, tolerance: float | None) -> float:
-    """Tolerance of a balance of forces, by default that of `equilibrate` without round-off [force]."""
+    """Tolerance for the balance of forces, by default that of `equilibrate` without round-off [force]."""
     return BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
 
 
@@ -402,7 +402,7 @@ def wrapped(state: State) -> State:
 
 
 def _with_images(contacts: Contacts, images: np.ndarray) -> Contacts:
-    """List with other images for its valid rows, sorted by its new keys."""
+    """Contact list with other images for its valid rows, sorted by its new keys."""
     count = len(images)
     image, key, slip, pair = (a.copy() for a in (contacts.image, contacts.key, contacts.slip, contacts.pair))
     image[:count] = images
@@ -423,7 +423,7 @@ def _with_images(contacts: Contacts, images: np.ndarray) -> Contacts:
 def shear_strain(state: State) -> float:
     """Shear strain γ, the tangent of the angle by which the second cell vector leans along x.
 
-    In a rotated cell whose second vector has no height, it is the strain of the vector with the largest y component.
+    If the second vector of a rotated cell has no height, it is the strain of the vector with the largest y component.
     """
     vectors = state.cell.vectors
     lean = vectors[1] if vectors[1, 1] else vectors[np.argmax(np.abs(vectors[:, 1]))]

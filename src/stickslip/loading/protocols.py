@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
+import scipy  # scipy.optimize, whose import takes a tenth of a second, is imported on first use
 
 from ..core.arguments import NotNegative, Positive, Seed, Series, Several, checked, knows_bonds
 from ..core.contacts.neighbors import with_neighbor_list
@@ -26,7 +26,7 @@ SAME_PAIR = 0.5  # overlap of modes above which pairs at neighbouring loads are 
 # range of M in which growth is fitted, between noise and the first change of the spectrum [smallest diameter²]
 WINDOW = (1e-22, 1e-11)
 CHANGED = 0.01  # relative change of Im λ of the fastest pair beyond which the spectrum is not constant
-FUNNEL = (1e-17, 1e-13)  # range of M, in the same unit, in which single turns of trajectories are saved
+FUNNEL = (1e-17, 1e-13)  # range of M [smallest diameter²] in which single turns of trajectories are saved
 LEAST, DURATION, STEP, VELOCITY = 5e4, 6e5, 0.1, 1e-13  # defaults of `release`, in natural units
 TURN, TURNS = 11, 16  # samples per turn, turns per chunk
 KEPT = 20_000  # largest number of saved samples of a time series
@@ -129,8 +129,8 @@ class Protocol(NamedTuple):
     def step(self, state: State, load: float) -> Equilibrium:
         """Apply one increment of the load, to a given value, and find the equilibrium.
 
-        A load that is a property of the state, such as the strain of `aqs`, is that of the cell unless `starting` moves
-        its origin.
+        A load that is a property of the state, such as the strain of `aqs`, counts from the origin that `starting` has
+        chosen; by default, it is the strain of the cell.
         """
         end, outcome = self.settle(self.apply(state, load), load)
         point = Equilibrium(float(load), end, spectrum(end, self.law, modes=self.modes), outcome)
@@ -322,8 +322,9 @@ def fit_growth(
     Parameters
     ----------
     time, msd : (T,) [time], [length²]
-    growth_rate, frequency : initial guesses [1/time] from the spectrum, accurate to a factor of two and to `within`
-    within : float, relative range of frequencies searched
+    growth_rate, frequency : initial guesses from the spectrum, one accurate to a factor of two, the other to `within`
+        [1/time]
+    within : float, relative range of frequencies that is searched
     """
     above_top = np.flatnonzero(msd > window[1])
     above_floor = np.flatnonzero(msd > window[0])
@@ -362,7 +363,7 @@ def free_run(
     drag: float = 0.0,
     spin_drag: float | None = None,
 ):
-    """Run Newtonian dynamics, recording contact events, and all grains at intervals of `sample` [time]."""
+    """Run Newtonian dynamics and record contact events and, at intervals of `sample` [time], all grains."""
     probes = np.arange(len(state.grains.radius))
     return run(
         state,
@@ -399,7 +400,7 @@ class Released(NamedTuple):
     constant: tuple[float, float]  # M at the snapshots before and after the fastest Im λ had changed by 1 %, or NaN
     turn_time: np.ndarray  # (L,) start times of single turns of the motion while M is within FUNNEL [time]
     turns: np.ndarray  # (L, TURN, H, 3) displacements of the grains that are not rattlers [length]
-    close_time: np.ndarray  # (K,) times of all samples of a few turns [time]
+    close_time: np.ndarray  # (K,) times of all samples in a few turns [time]
     close_msd: np.ndarray  # (K,) [length²]
     strain: float = np.nan  # strain of the state, if given by the caller [1]
 
@@ -415,7 +416,7 @@ class Released(NamedTuple):
 
     @property
     def drop(self) -> float:
-        """Drop in shear stress from the mean over the first tenth to that over the last."""
+        """Drop in shear stress from the mean over the first tenth to that over the last tenth."""
         part = max(1, len(self.time) // 10)
         return float(self.shear_stress[:part].mean() - self.shear_stress[-part:].mean())
 
@@ -481,9 +482,9 @@ def release(
 
     Parameters
     ----------
-    least, duration, dt : default: 5e4, 6e5 and 0.1 of the natural unit of time (see `relax`) [time]
+    least, duration, dt : by default, 5e4, 6e5 and 0.1 natural units of time (see `relax`) [time]
     seed, velocity : seed and standard deviation of the initial random velocities in all resisted modes, by default
-    1e-13 smallest diameters per natural unit of time [length/time]
+        1e-13 smallest diameters per natural unit of time [length/time]
     report : called as report(stage, share done, text)
 
     Raises
@@ -506,7 +507,7 @@ def release(
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    # number of chunks of the growth; a longer run appends as many. `chunks` has the samples of each chunk
+    # number of chunks of the growth; a longer run appends the same number. `chunks` contains the samples of each
     count = max(20, snapshots)
     chunks = [max(1, int(min(e_folds / rate, duration) / dt / every / count))] * count
     rest = int(min(least, duration) / dt / every) - sum(chunks)

@@ -1,4 +1,4 @@
-"""Quasi-static steps: athermal shear, with a check of the path, shear under a stress or by a plate, and inflation."""
+"""Quasi-static steps: athermal shear with a check of the path, shear under a stress or by a plate, and inflation."""
 
 import warnings
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from .protocols import Equilibrium, Protocol
 from .settling import Deformation, Mode, deformation
 
 STEADY = 0.2  # relative change of the motion per strain between steps below which no other check is needed
-LOOSE = 0.2  # the same for the deviation of a step's motion from the linear prediction
+LOOSE = 0.2  # relative deviation of a step's motion from the linear prediction below which no other check is needed
 HALVINGS = 4  # largest number of halvings of a step in which grains do not move as linear responses predict
 BALANCED = 1e-9  # under a stress: default tolerance, in units of the normal force on a grain
 
@@ -44,8 +44,8 @@ def aqs(
 
     Newton's method finds stable and unstable equilibria, and may end on a branch other than the one on which the step
     began. Stability is checked by the spectrum of the step. The branch is checked by the motion of the grains, which
-    must continue that of the previous step or follow from the Jacobians at both ends. Otherwise the step is repeated in
-    up to 16 smaller ones, which must lead to the same state.
+    must continue that of the previous step or follow from the Jacobians at both ends. Otherwise, the step is repeated
+    in up to 16 smaller ones, which must lead to the same state.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def aqs(
     tolerance : float, largest unbalanced force or torque/R [force]; default: as in `equilibrate`
     modes : whether spectra along the path contain modes
     on_instability : action after a step to an unstable equilibrium or another branch. "tell": the outcome of the step
-    has `unstable` or `left` set and contains a warning; the first warning on a path that does not concern only complex
-    pairs (which are in the spectra of the path) is also issued as an UnstableEquilibriumWarning. "follow-dynamics": if
-    this equilibrium is unstable under the drag or on another branch, the step ends where damped dynamics from the
-    previous state leads, also with a warning. "stop": a LeftPathError is raised
+        has `unstable` or `left` set and contains a warning; the first warning on a path that concerns more than complex
+        pairs (which are in the spectra of the path) is also issued as an UnstableEquilibriumWarning. "follow-dynamics":
+        if this equilibrium is unstable under the drag or on another branch, the step ends where damped dynamics from
+        the previous state leads, also with a warning. "stop": a LeftPathError is raised
     drag : drag of the dynamics, on translations and rotations; required for "follow-dynamics", because it determines
-    the oscillations that grow. If given, only pairs that grow despite the drag count as unstable [1/time]
+        the oscillations that grow. If given, only pairs that grow despite the drag count as unstable [1/time]
     mode : "simple" shear along x with the gradient along y; "pure" shear, γ = ln(Lx/Ly); "isotropic" compression,
         ε = −ln V; "uniaxial" compression along y, ε = −ln Ly
     sign : −1 reverses the strain: a growing load shears in the opposite direction, or unloads
@@ -99,7 +99,7 @@ def _way(mode: Mode, sign: Literal[1, -1], state: State) -> Deformation:
 
 
 class Watch:
-    """Check of the steps of a path of quasi-static shear."""
+    """Check of the steps of quasi-static shear."""
 
     def __init__(self, law: Law, slip: bool, modes: bool, choice: str, drag: float | None, way):
         self.way: Callable[[State], Deformation] = way
@@ -169,12 +169,12 @@ class Watch:
 
 
 class Instability(NamedTuple):
-    """Growing modes of an equilibrium, and their assumptions."""
+    """Growing modes of an equilibrium, and the assumptions made."""
 
     negative: int  # directions of negative stiffness
     pairs: int  # complex pairs
-    at_limit: bool  # contacts at the Coulomb limit keep sliding
-    undamped: bool  # the dashpots of the law are ignored
+    at_limit: bool  # whether contacts at the Coulomb limit are assumed to keep sliding
+    undamped: bool  # whether the dashpots of the law are ignored
 
     def __str__(self) -> str:
         parts = [f"{pluralize(self.negative, 'direction')} of negative stiffness"] if self.negative else []
@@ -195,7 +195,7 @@ def instability(modes: Spectrum, state: State, law: Law, drag: float | None = No
 
 
 def branch_distance(start: Point, end: Point) -> float:
-    """Distance of a point from the end of the path that smaller steps follow from another point [length].
+    """Distance of the point `end` from the state that smaller steps from `start` reach [length].
 
     Returns
     -------
@@ -260,7 +260,7 @@ def cell_shear(law: Law, normal_stress: Positive, *, tolerance: Positive = BALAN
 
 @checked
 def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> Protocol:
-    """Protocol of shear by a plate: the load is its force along x over the force that presses it along −y.
+    """Protocol of shear by a plate: the load is its force along x divided by the force that presses it along −y.
 
     The load is absolute: the force replaces any previous one along x.
 
@@ -323,9 +323,9 @@ def inflate(
 ) -> Inflation:  # fmt: skip
     """Inflate a grain in quasi-static steps, each of which ends with `equilibrate` and commits the contact memory.
 
-    Growth is measured from the radii of the state. Contacts may open, close and slide; `changes` of the result counts
-    these changes, except at initial rattlers. At small growth the displacements are those of `modes.inflate`. Masses do
-    not change.
+    Growth is measured from the radii of the state. Contacts may open, close and slide; the field `changes` of the
+    result counts these changes, except at initial rattlers. At small growth, the displacements are those of
+    `modes.inflate`. Masses do not change.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def inflate(
     Raises
     ------
     ValueError
-        As in `modes.inflate`, except for contacts that change.
+        As in `modes.inflate`, except that contacts may change.
     NotInEquilibriumError
         If a step has no equilibrium.
 
@@ -364,7 +364,7 @@ def inflate(
 
 
 def _steps(here: LinearisedState, grown: np.ndarray, growths: np.ndarray, tolerance) -> tuple[State, list]:
-    """State at the end of steps; numbers of contacts that opened, closed, began and stopped sliding in each step."""
+    """State after all steps; for each step, numbers of contacts that opened, closed, started and stopped sliding."""
     state, radius, keep, changes = here.state, here.state.grains.radius, Factorisation(), []
     before = _modes(here, state)
     for growth in growths:

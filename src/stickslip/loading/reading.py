@@ -26,10 +26,10 @@ def read_packing(path: str | Path, **options) -> Reading:
 
     The format is detected from the content of a file, not from its name: .npz (names as in `from_arrays`) and .npy,
     archives, GSD, LAMMPS restart, data and dump files, MercuryDPM's .data, extended XYZ, VTK, and tables with columns
-    such as x, y, z, radius (CSV, YADE, PFC). Text may be compressed. In a LAMMPS run folder, the newest restart file,
-    or data and dump files, are read together with laws, walls, gravity and fixes from the log or input script. A run
-    folder of this package stands for its archive. For measured forces (`contacts` is a table with a column fn, or the
-    file is a PeGS file), the result is the nearest balanced state (see `packings.from_forces`).
+    such as x, y, z, radius (CSV, YADE, PFC). Text files may be compressed. In a LAMMPS run folder, the newest restart
+    file, or data and dump files, are read together with laws, walls, gravity and fixes from the log or input script.
+    From a run folder of this package, the archive is read. For measured forces (`contacts` is a table with a column fn,
+    or the file is a PeGS file), the result is the nearest balanced state (see `packings.from_forces`).
 
     Returns
     -------
@@ -40,12 +40,12 @@ def read_packing(path: str | Path, **options) -> Reading:
     ----------
     law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None; `law`
         may also be a Law or a Python file. They take precedence over the law in the file. LAMMPS data and dump files
-        contain no law; to read contacts from a dump, give all of its parameters
-    parameters : dict, other parameters of the law, such as {"work": 1e-3} of jkr, or those of a Python file
+        contain no law; to read contacts from a dump, give all parameters of the law
+    parameters : dict, other parameters of the law, such as {"work": 1e-3} for jkr, or those of a Python file
     i0 : float, moment of inertia I0 m R²
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
         in a dump; the last one by default, except in archives
-    contacts : path of the `dump local` that belongs to the grains and provides their memory, of the table of measured
+    contacts : path of the `dump local` that contains the contact memory of the grains, of the table of measured
         forces (see `read_forces`), or of a table of bonds with columns i, j, kn, ks … (YADE) or pb_kn, pb_ks … (PFC)
     columns : names of the columns of that table, i j dist dx dy dz fx fy fz tx ty tz, if not detected correctly
     boundary : three letters as in LAMMPS, such as ppf, if the file does not state the periodic directions
@@ -59,7 +59,7 @@ def read_packing(path: str | Path, **options) -> Reading:
     Warns
     -----
     PackingWarning
-        if something in the packing was changed.
+        If something in the packing was changed.
 
     Examples
     --------

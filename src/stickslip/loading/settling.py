@@ -26,19 +26,19 @@ from ..solve.shear_response import XY
 from .compression import Scales, critical_mass, stopped
 from .packing import shear_strain
 
-# unbalanced forces at which Newton's method is tried again, over the force of a contact that carries the pressure
+# unbalanced forces at which Newton's method is tried again, relative to that of a contact that carries the pressure
 LEVELS = (1e-2, 1e-3, 1e-4)
 REST, MORE = (
     1e-6,
     20_000,
-)  # if it fails at all of them: the force at which dynamics ends, and the largest number of time steps
+)  # if Newton's method fails at all of these levels: the force at which dynamics ends, and the largest number of steps
 SETTLING_DRAG = 2.0  # drag times the time scale: the softest motions come to rest soonest at critical drag
-OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
+OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, in units of the pressure
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two checks of the forces, and largest number in a load step
 POSTED = 20  # steps of dynamics between two entries in a ledger
-SLOW = 3.0  # duration of a strain step made by dynamics, over the time scale
+SLOW = 3.0  # duration of a strain step made by dynamics, in units of the time scale
 STEPS = 500  # number of steps of the load in slow dynamics
-SHARE = 0.1  # time step of slow dynamics over the stable one
+SHARE = 0.1  # time step of slow dynamics, in units of the stable one
 
 
 def settle(
@@ -48,7 +48,7 @@ def settle(
     """Equilibrium after a step of the load: by Newton's method or, where grains rearrange, by damped dynamics first.
 
     The drag is that of `compressed`, on the time scale on which the pressure moves a grain. Where Newton's method
-    stalls, this is much faster than drag on the time scale of a contact, as in `equilibrate`. Bonds break as in
+    stalls, this is much faster than the drag of `equilibrate`, on the time scale of a contact. Bonds break as in
     `equilibrate`.
 
     Parameters
@@ -83,7 +83,7 @@ def strain_step(
     state: State, law: Law, scales: Scales, gradient: np.ndarray, *, tolerance: float, keep: Factorisation,
     account: PathLedger,
 ) -> tuple[State, Outcome]:  # fmt: skip
-    """Equilibrium after a small step of the strain of the cell, whose energies are posted to an account.
+    """Equilibrium after a small strain step of the cell, whose energies are added to a ledger.
 
     If Newton's method stalls, or ends on another branch so that energies do not balance, dynamics strains the cell at a
     constant rate within a few time scales. Grains rearrange under stress, and the sample is then brought to rest.
@@ -171,12 +171,12 @@ def servo_mass(state: State, pressure: float, scales: Scales, rate: float = 0.0)
 
 @readable
 class SlowRun(NamedTuple):
-    """Slow run over T load steps."""
+    """Slow dynamics over T load steps."""
 
     time: float  # duration of a whole leg [time]
-    load: np.ndarray  # (T,) load at the end of each step, in legs
+    load: np.ndarray  # (T,) load at the end of each step, in completed legs
     states: tuple[State, ...]
-    kinetic_energy: np.ndarray  # (T,) largest during each step [energy]
+    kinetic_energy: np.ndarray  # (T,) largest kinetic energy during each step [energy]
 
 
 @checked
@@ -191,7 +191,7 @@ def slow_dynamics(
     ----------
     legs : as in `load_path`
     time : duration of each leg [time]
-    until : load at which to stop, in legs
+    until : load at which to stop, in completed legs
     drag : drag on translations and rotations [1/time]
     report : called as report(stage, share done, text)
 
@@ -230,13 +230,13 @@ MODES = {
 class Deformation(NamedTuple):
     """Homogeneous deformation of a cell by one strain: x → exp(G ε) x.
 
-    The stress that does work on it is −σ:G, with the stress σ positive in compression: −σ_xy in simple shear,
+    The stress conjugate to the strain is −σ:G, with the stress σ positive in compression: −σ_xy in simple shear,
     (σ_yy − σ_xx)/2 in pure shear, the pressure in isotropic and σ_yy in uniaxial compression.
     """
 
     mode: Mode
     gradient: np.ndarray  # (3, 3) G, displacement gradient for a small unit strain
-    sign: int  # −1 if the strain falls along the path
+    sign: int  # −1 if the strain decreases along the path
 
     def finite(self, strain: float) -> np.ndarray:
         """(3, 3) exp(G ε) − 1; G is nilpotent or diagonal."""
@@ -259,7 +259,7 @@ class Deformation(NamedTuple):
 
 @checked
 def deformation(mode: Mode = "simple", dim: Literal[2, 3] = 3, sign: Literal[1, -1] = 1) -> Deformation:
-    """Deformation by its name.
+    """Deformation of the cell with a given name.
 
     Examples
     --------

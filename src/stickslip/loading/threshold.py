@@ -3,9 +3,10 @@
 A sample at rest under a load is kicked with random velocities and runs freely. It has *slid* once it has moved by a
 given distance under its load within the duration of a run (see `travel`). A run that has slid continues for the same
 duration again. It *lasts* if it moves on by that distance, and by a quarter of it in each quarter of that time;
-otherwise the sample has slid by a limited distance only. Near the threshold, sliding samples stop at random times, so
-fewer runs last for longer durations. The fractions of both rise with the load; a logistic curve is fitted to each by
-maximum likelihood. Runs have independent random numbers, as the likelihood requires.
+otherwise, the sample has slid by a limited distance only. Near the threshold, sliding samples stop at random times, so
+fewer runs last for longer durations. The fractions of runs that slide and of runs that last rise with the load; a
+logistic curve is fitted to each by maximum likelihood. Runs have independent random numbers, as the likelihood
+requires.
 """
 
 from functools import partial
@@ -33,11 +34,11 @@ from .protocols import Equilibrium, Protocol, perturbed
 KICK_LEGS = 40  # number of parts of a run; sliding is checked after each
 WINDOWS = 4  # number of parts of a duration; in each, a lasting run moves by a part of the distance
 FAR = 8  # grains are put back into the cell when a pair is this many periodic boxes apart; the limit is 64
-SLOWING = 0.95  # travel in the last window over that in the first, below which a sample still slows down
+SLOWING = 0.95  # ratio of the travel in the last window to that in the first, below which a sample still slows down
 KICKS = (1e-13, 1e-4)  # default kicks, in natural units
 SLID = 0.1  # distance that counts as sliding, as in `travel`
 FINE, WIDTHS = 60, 80  # numbers of thresholds between two loads, and of widths, in the table of the likelihood
-BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in their range
+BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in load ranges
 DROP = 1.92  # drop of the log-likelihood at the ends of a 95 % interval (half of the quantile 3.84 of χ² with 1 degree)
 
 
@@ -53,13 +54,13 @@ class KineticThreshold(NamedTuple):
     threshold: np.ndarray  # (K,) load at which half of the runs slide; NaN if the loads do not bracket it
     interval: np.ndarray  # (K, 2) 95 % interval by the likelihood ratio; infinite where the loads do not bound it
     width: np.ndarray  # (K,) width of the logistic curve 1/(1 + exp(−(load − threshold)/width))
-    arrest: np.ndarray  # (R, 2) load at which the sample stopped in each ramp down (−inf: none), and the next above
+    arrest: np.ndarray  # (R, 2) load at which the sample stopped in each ramp down (−inf: none), and the next one above
     first_pair: float  # smallest load on the path with a complex pair; NaN if there is none
     first_limit: float  # smallest load on the path at which a contact is at the Coulomb limit; NaN if there is none
     duration: float  # duration of a run [time]
     distance: float  # distance that counts as sliding, as in `travel`
     lasting: np.ndarray  # (L, K) number of runs that lasted: they slid and continued for another `duration`
-    lasting_threshold: np.ndarray  # (K,) the same for runs that last: the kinetic threshold proper
+    lasting_threshold: np.ndarray  # (K,) load at which half of the runs last: the kinetic threshold proper
     lasting_interval: np.ndarray  # (K, 2)
     lasting_width: np.ndarray  # (K,)
 
@@ -75,7 +76,7 @@ class KineticThreshold(NamedTuple):
 
     @property
     def arrest_range(self) -> tuple[float, float]:
-        """Lowest and highest end of the brackets of all ramps down; NaN without any."""
+        """Lowest and highest end of the brackets of all ramps down; NaN if there are none."""
         return (float(self.arrest[:, 0].min()), float(self.arrest[:, 1].max())) if len(self.arrest) else (np.nan,) * 2
 
     @property
@@ -123,7 +124,7 @@ class _Dynamics(NamedTuple):
     """Law, time step and drag of the runs."""
 
     law: Law
-    leg: int  # steps
+    leg: int  # number of steps
     dt: float
     distance: float
     drag: float
@@ -152,13 +153,13 @@ def kinetic_threshold(
         natural unit of time (see `relax`) [length/time]
     realizations : number of runs for each load and kick
     duration, dt : duration and time step of a run [time]; a run that slides continues for another duration
-    loads : loads of the path to be tried; default: all
+    loads : loads of the path that are tried; default: all
     distance : distance that counts as sliding: shear strain of a cell whose shear follows a stress; or else
-    displacement of a plate (rigid groups that are free to move) in mean diameters; or else median displacement of all
-    grains
+        displacement of a plate (rigid groups that are free to move) in mean diameters; or else median displacement of
+        all grains
     ramps : largest number of ramps. Each starts from a lasting run at the highest load that has any, and lowers the
-    load through the tried loads. Each load acts for one duration, or longer while the sample slows down. The sample has
-    stopped unless it slides throughout, like a run that lasts
+        load through the tried loads. Each load acts for one duration, or longer while the sample slows down. The
+        sample has stopped unless it slides throughout, like a run that lasts
     drag : drag in all runs [1/time]
     kept : storage of finished runs, which are not repeated
     report : called as report(stage, share done, text)
@@ -307,7 +308,7 @@ def fit_threshold(loads, slid, runs) -> tuple[float, tuple[float, float], float]
     """
     loads, slid, runs = (np.asarray(a, float) for a in (loads, slid, runs))
     nothing = np.nan, (-np.inf, np.inf), np.nan
-    slope = ((slid - runs * slid.sum() / runs.sum()) * loads).sum()  # has the sign of the slope of the likeliest curve
+    slope = ((slid - runs * slid.sum() / runs.sum()) * loads).sum()  # has the sign of the best curve's slope
     if not (0 < slid.sum() < runs.sum() and slope > 1e-9 * runs.sum() * np.ptp(loads)):
         return nothing
     gap, span = np.diff(loads).min(), np.ptp(loads)
@@ -343,8 +344,9 @@ def _at_limit(state: State) -> bool:
 def travel(start: State, end: State) -> float:
     """Distance by which a sample has slid.
 
-    This is the shear strain of the cell if its shear follows a stress. Otherwise it is the displacement of rigid groups
-    that are free to move, such as a plate, or if there are none, the median one of all grains, in mean diameters.
+    This is the shear strain of the cell if its shear follows a stress. Otherwise, it is the displacement of rigid
+    groups that are free to move, such as a plate, or, if there are none, the median displacement of all grains; both
+    are in mean diameters.
     """
     control, count = start.control, len(start.grains.radius)
     shear = control.cell_free & ~np.eye(3, dtype=bool)
@@ -381,7 +383,7 @@ def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
 
 
 def _continue_slide(start: State, how: _Dynamics) -> tuple[State, list[float]]:
-    """State of a sliding sample after another duration, and its travel in each window; no travel if it stopped."""
+    """State of a sliding sample after another duration, and its travel in each window; an empty list if it stopped."""
     end, ways = start, []
     for _ in range(WINDOWS):
         before = end
@@ -409,7 +411,7 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
     back = wrapped(reduced_cell(end))
     change = np.round(back.cell.vectors @ np.linalg.pinv(end.cell.vectors))
     shift = back.grains.position - end.grains.position
-    # `travel` only needs positions and cell of earlier states
+    # `travel` needs only the positions and the cell of earlier states
     moved = [
         old._replace(
             cell=old.cell._replace(vectors=change @ old.cell.vectors),

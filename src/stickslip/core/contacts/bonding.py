@@ -1,4 +1,4 @@
-"""Bonds of a state: creating them between chosen grains, comparing loads with strengths, breaking them."""
+"""Bonds of a state: creating them between chosen grains, comparing loads with strengths, and breaking them."""
 
 from typing import Annotated
 
@@ -12,7 +12,7 @@ from .bonds import BondLimits, add_bond_loads, bond_gap, bond_vectors, judge_loa
 from .forces import bodies
 from .neighbors import TOO_FAR, TooFarApartError, body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 
-AMBIGUOUS = 1e-9  # tolerance around half a box, in units of the box
+AMBIGUOUS = 1e-9  # tolerance for distances of half a box, in box lengths
 
 
 @checked
@@ -26,20 +26,20 @@ def bonded(
 ) -> State:
     """State with bonded grains; each bond is at rest at its present length and orientation.
 
-    Bonds act in addition to the contact law, also across a gap. After a bond breaks, only the contact law acts.
+    Bonds act in addition to the contact law, even across a gap. After a bond breaks, only the contact law acts.
 
     Parameters
     ----------
-    bond : from `laws.spring_bond`, `laws.beam_bond` or `laws.parallel_bond`
+    bond : law of the bonds, from `laws.spring_bond`, `laws.beam_bond` or `laws.parallel_bond`
     within : two grains are bonded if their surfaces are at most this far apart; not more than half the smallest height
         of a periodic cell [length]
-    pairs : (K, 2) numbers of the grains to bond instead, in their nearest periodic images
+    pairs : (K, 2) numbers of the grains to bond instead, between their nearest periodic images
 
     Raises
     ------
     ValueError
-        If a pair contains a grain twice, a wall, a grain that does not exist, or is already bonded, if two of its
-        images are equally near, if `within` is too large, or if both `within` and `pairs` are given.
+        If a pair is already bonded, or contains a grain twice, a wall, or a grain that does not exist; if two of its
+        images are equally near; if `within` is too large; or if both `within` and `pairs` are given.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None,
 
 
 def with_bonds(state: State, new: Bonds) -> State:
-    """State with additional bonds, each pair once, and a contact list that includes them."""
+    """State with additional bonds, at most one for each pair, and a contact list that includes them."""
     bonds = _join(state.bonds, new)
     keys = pack_keys(bonds.i, bonds.j, bonds.image)
     if len(np.unique(keys)) < len(keys):
@@ -174,7 +174,7 @@ def _given_pairs(state: State, pairs: np.ndarray):
 @checked
 @knows_bonds
 def bond_shares(state: State) -> np.ndarray:
-    """Load of each bond over its strength, (K,): it breaks at 1. Zero for broken and unbreakable bonds."""
+    """Ratio of load to strength of each bond, (K,): the bond breaks at 1. Zero for broken and unbreakable bonds."""
     if state.bonds is None:
         return np.zeros(0)
     nothing = np.zeros((state.n_bodies, 3))
@@ -190,12 +190,12 @@ def broken_since(state: State, before: State) -> np.ndarray:
 
 
 def bond_limits(state: State, way: np.ndarray | None = None) -> BondLimits:
-    """Loads of the bonds of a state over their strengths; see `limits_of_bonds`."""
+    """Ratios of load to strength of the bonds of a state; see `limits_of_bonds`."""
     return limits_of_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, way)
 
 
 def without_failure(state: State) -> State:
-    """State whose bonds do not break in a run, unless their loads fade; `with_strength_of` restores their strength."""
+    """State whose bonds do not break in a run, except those with fading loads; `with_strength_of` undoes this."""
     if not state.bonds:
         return state
     strength = np.where(state.bonds.fading[:, None] > 0, state.bonds.strength, UNBREAKABLE)
@@ -203,7 +203,7 @@ def without_failure(state: State) -> State:
 
 
 def with_strength_of(state: State, before: State, *, mended: bool = False) -> State:
-    """State whose bonds have their previous strength; if `mended`, those that were intact before are intact again."""
+    """State whose bonds have the strength of `before`; if `mended`, those that were intact then are intact again."""
     if not state.bonds:
         return state
     kept = before.bonds if mended else state.bonds
@@ -212,7 +212,7 @@ def with_strength_of(state: State, before: State, *, mended: bool = False) -> St
 
 
 def with_weakest_broken(state: State) -> State:
-    """State in which the bond with the largest load over strength is broken if this ratio is at least 1."""
+    """State in which the bond with the largest ratio of load to strength is broken, if this ratio is at least 1."""
     share = bond_shares(state) if state.bonds else np.zeros(0)
     if not share.max(initial=0.0) >= 1.0:
         return state

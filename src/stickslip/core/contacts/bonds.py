@@ -7,9 +7,9 @@ shear force acts at a fraction α of r from j (`arm`), where i is displaced by u
 
     F = k_n (|r| − r₀) n + k_s u × n,    M = k_b β + k_ψ ψ n + α r × (k_s u × n);
 
-those on i are −F and −k_b β − k_ψ ψ n + (1 − α) r × (k_s u × n). With α = 1/2 they are the loads of `bpm/rotational` in
-LAMMPS. Dashpots oppose the rates of the same deformations. The loads follow from the present configuration, so that
-bonds need no trial memory; committing them only updates their reference to the present rotations.
+those on i are −F and −k_b β − k_ψ ψ n + (1 − α) r × (k_s u × n). With α = 1/2, they are the loads of `bpm/rotational`
+in LAMMPS. Dashpots oppose the rates of the same deformations. The loads follow from the present configuration, so bonds
+need no trial memory; committing them only updates their reference to the present rotations.
 
 Source
 ------
@@ -26,12 +26,12 @@ from ..state import Bonds, Contacts, State
 
 
 def add_bond_loads(bonds: Bonds, dim: int, here, vectors, force, torque, virial=None) -> np.ndarray:
-    """Add the loads of all bonds in place; return loads over strengths, (K,).
+    """Add the loads of all bonds in place; return the ratio of load to strength of each bond, (K,).
 
     Parameters
     ----------
     here : `Bodies`
-    vectors : (3, 3) of the cell [length]
+    vectors : (3, 3) cell vectors [length]
     force, torque : (B, 3)
     virial : (3, 3) Σ f ⊗ r of the elastic forces, or None
     """
@@ -41,7 +41,7 @@ def add_bond_loads(bonds: Bonds, dim: int, here, vectors, force, torque, virial=
 
 
 def follow_rotations(bonds: Bonds, dim: int, here, vectors) -> Bonds:
-    """Bonds with a reference updated to the rotations of the grains."""
+    """Bonds with their reference updated to the present rotations of the grains."""
     moved = {name: getattr(bonds, name).copy() for name in ("direction", "turn", "angle_i", "angle_j")}
     out, nothing = bonds._replace(**moved), np.zeros_like(here.position)
     core.evaluate_bonds(dim, here, out, vectors, True, None, nothing, nothing.copy(), None)
@@ -49,7 +49,7 @@ def follow_rotations(bonds: Bonds, dim: int, here, vectors) -> Bonds:
 
 
 class BondLimits(NamedTuple):
-    """Loads of K bonds over their strengths, as if all were intact: tension, then vectors of shear, bending, twist."""
+    """Load/strength of K bonds, as if all were intact: tension, then the vectors of shear, bending and twist."""
 
     load: np.ndarray  # (K, 10)
     slope: np.ndarray  # (K, 10) derivatives along a motion
@@ -57,11 +57,11 @@ class BondLimits(NamedTuple):
 
 
 def limits_of_bonds(bonds: Bonds, dim: int, here, vectors, way: np.ndarray | None = None) -> BondLimits:
-    """Loads of bonds over their strengths, and their energies.
+    """Ratios of load to strength of bonds, and their energies.
 
     Parameters
     ----------
-    way : (K, 9) changes of the pair vector [length] and of the angles of i and of j [rad]; nothing moves by default
+    way : (K, 9) changes of the pair vector [length] and of the angles of i and of j [rad]; zero by default
     """
     k = len(bonds.i)
     out, way = BondLimits(*np.zeros((2, k, 10)), np.zeros(k)), np.zeros((k, 9)) if way is None else way
@@ -72,7 +72,7 @@ def limits_of_bonds(bonds: Bonds, dim: int, here, vectors, way: np.ndarray | Non
 def judge_loads(bonds: Bonds, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Loads as fractions of the strengths (see `BondLimits`), and the load that breaks each bond (index in `FAILURES`).
 
-    Both are (K,). The load that breaks a bond is the largest of those that add up to its strength.
+    Both are (K,). The load that breaks a bond is the largest of those that together reach its strength.
     """
     share, failure = np.zeros(len(load)), np.zeros(len(load), np.int8)
     core.judge_loads(bonds, np.ascontiguousarray(load), share, failure)
@@ -85,7 +85,7 @@ def bond_vectors(bonds: Bonds, position: np.ndarray, vectors: np.ndarray) -> np.
 
 
 def bond_gap(bonds: Bonds, position: np.ndarray, radius: np.ndarray, vectors: np.ndarray, skin: float) -> float:
-    """Gap that a contact list must cover to include all intact bonds, a multiple of its skin [length]."""
+    """Gap that a contact list must cover to include all intact bonds, rounded up to a multiple of its skin [length]."""
     held = bonds._replace(i=bonds.i[bonds.intact], j=bonds.j[bonds.intact], image=bonds.image[bonds.intact])
     gap = np.linalg.norm(bond_vectors(held, position, vectors), axis=1) - radius[held.i] - radius[held.j]
     return float(np.ceil(max(gap.max(initial=0.0), 0.0) / skin) * skin)
@@ -99,12 +99,12 @@ def bond_rows(bonds: Bonds, contacts: Contacts) -> np.ndarray:
 
 
 def is_beam(bonds: Bonds, dim: int) -> np.ndarray:
-    """Mask of intact bonds that resist all relative motions, so that one of them alone holds a grain, (K,)."""
+    """Mask of intact bonds that resist all relative motions, so that a single one holds a grain, (K,)."""
     return bonds.intact & (bonds.stiffness[:, 1 : dim + 1] > 0).all(axis=1)
 
 
 def bond_forces(bonds: Bonds, dim: int, here, vectors, contacts: Contacts) -> np.ndarray:
-    """Elastic force of the bond of each contact on body i, (C, 3) [force]."""
+    """Elastic force that the bond of each contact exerts on body i, (C, 3) [force]."""
     force, out, rows = np.zeros((len(bonds.i), 3)), np.zeros((int(contacts.count[0]), 3)), bond_rows(bonds, contacts)
     core.linearise_bonds(dim, here, bonds, vectors, force, None, None)
     np.add.at(out, rows[bonds.intact], force[bonds.intact])
@@ -112,7 +112,7 @@ def bond_forces(bonds: Bonds, dim: int, here, vectors, contacts: Contacts) -> np
 
 
 def with_bonds(bonds: Bonds, dim: int, here, vectors, contacts: Contacts, *blocks: np.ndarray):
-    """Contact blocks of springs and dashpots including bonds, (C, 9, 9) as in `contact_blocks`."""
+    """Contact blocks of springs and dashpots, including those of bonds, (C, 9, 9) as in `contact_blocks`."""
     k = len(bonds.i)
     a, b = here.radius[bonds.i], here.radius[bonds.j]
     turn = np.array([[np.ones(k), b], [np.ones(k), -a]]) / (a + b)  # a_i and a_j from ρ and a_i − a_j
@@ -135,7 +135,7 @@ def has_damped_bonds(state: State) -> bool:
 
 
 def frequency_bound_of_bonds(bonds: Bonds, here, vectors: np.ndarray, inverse_inertia: np.ndarray) -> float:
-    """Upper bound on the ω² due to bonds, from the sums of stiffnesses at each body."""
+    """Upper bound on the ω² due to bonds, from the sum of the stiffnesses at each body."""
     held = np.flatnonzero(bonds.intact)
     tension, shear, bending, twisting = bonds.stiffness[held].T
     total = np.zeros((2, len(inverse_inertia)))

@@ -19,19 +19,19 @@ from .bonds import add_bond_loads, follow_rotations
 from .neighbors import body_positions, body_radii, join_bodies, shifts, with_neighbor_list
 
 # treatments of the memory of contacts, as in `mechanics.h`. FREE: transport it, but keep it bit for bit where nothing
-# has moved since it was committed; HELD: the same with every contact in its mode; FROZEN: as FREE, even where the kept
-# memory contradicts the law
+# has moved since it was committed; HELD: the same, while every contact stays in its mode; FROZEN: like FREE, but keep
+# the memory even where it contradicts the law
 FROZEN, HELD, FREE = 0, 1, 2
 GIVEN = 4  # added to HELD or FREE: the memory was imported, not committed during motion
 MIN_WEIGHT = 0.6  # least weight of an increment (see `turning_weight`); above 1/2, so that a slip can change its sign
 ROUND_OFF = (
-    1e-11  # tolerance of slip, in units of R_i + R_j: a contact slides until its slip is below the limit by more
+    1e-11  # tolerance of slip in units of R_i + R_j: sliding ends when the slip is below the limit by more than this
 )
-AT_LIMIT = 1e-3  # fraction of its limit by which the slip of a sliding contact may fall short at rest, due to dashpots
+AT_LIMIT = 1e-3  # fraction by which the slip of a sliding contact at rest may fall short of its limit, due to dashpots
 
 
 class Bodies(NamedTuple):
-    """Grains and walls in common arrays, as expected by kernels."""
+    """Grains and walls in common arrays, as kernels expect them."""
 
     position: np.ndarray  # (B, 3)
     angle: np.ndarray  # (B, 3)
@@ -50,7 +50,7 @@ class ContactLoads(NamedTuple):
 
     force: np.ndarray  # (N + W, 3) [force]
     torque: np.ndarray  # (N + W, 3) [force length]
-    virial: np.ndarray  # (3, 3) Σ f ⊗ r over contacts between grains, elastic; only where the cell is free [energy]
+    virial: np.ndarray  # (3, 3) elastic Σ f ⊗ r over contacts between grains; only where the cell is free [energy]
 
     def check_entries(self) -> None:
         """Raise ValueError if an entry has a wrong type or shape, or is not finite."""
@@ -169,7 +169,7 @@ def accept(state: State, trial: Contacts) -> State:
     Raises
     ------
     ValueError
-        If the trial memory belongs to a state with another number of bodies.
+        If the trial memory belongs to a state with a different number of bodies.
     """
     if len(trial.origin) != state.n_bodies:
         raise ValueError(

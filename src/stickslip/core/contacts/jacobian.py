@@ -2,7 +2,7 @@
 
 Coordinates of a body are (x, y, z, R·angle), and torques are divided by R. A contact depends only on r = r_i − r_j
 and ρ = R_i angle_i + R_j angle_j. Its loads on i are (F, T/R) = (F, −n × F). The geometric derivatives are written by
-hand; those of the law come from its source. With the slip u (see `tangent`) and the tangential force φ(δ, |u|):
+hand; those of the law are computed by its code. With the slip u (see `tangent`) and the tangential force φ(δ, |u|):
 
     dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr),      dn = P dr/|r|
 
@@ -37,9 +37,9 @@ class Linearisation(NamedTuple):
     turn: np.ndarray  # (C, 3) Δρ since the commit
     slip: np.ndarray  # (C, 3) current slip before truncation at the Coulomb limit
     closed: np.ndarray  # (C,) 1 if the contact touches, else 0
-    remembers: np.ndarray  # (C,) 1 if it already touched when the memory was committed
-    slides: np.ndarray  # (C,) 1 if it slides
-    weighted: np.ndarray  # (C,) 1 if it keeps sliding in three dimensions, so that the slip may turn
+    remembers: np.ndarray  # (C,) 1 if the contact already touched when the memory was committed
+    slides: np.ndarray  # (C,) 1 if the contact slides
+    weighted: np.ndarray  # (C,) 1 if the contact keeps sliding in three dimensions, so that the slip may turn
     force_n: np.ndarray  # (C,) F_n
     slope_n: np.ndarray  # (C,) dF_n/dδ
     secant: np.ndarray  # (C,) φ/|u|
@@ -53,10 +53,10 @@ class Linearisation(NamedTuple):
     limit: np.ndarray  # (C,) Coulomb limit of the tangential force
     mu: np.ndarray  # (C,) derivative of the limit with respect to F_n
     fade: np.ndarray  # (C,) factor by which the law shortens the slip as the overlap decreases
-    fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
+    fading: np.ndarray  # (C,) derivative of `fade` with respect to the overlap
     half: np.ndarray  # (C,) half the overlap, by which lever arms are shorter than R
-    half_mid: np.ndarray  # (C,) half the overlap halfway between the commit and now
-    together: np.ndarray  # (C, 3) change of angle_i + angle_j since the commit, if lever arms are shorter
+    half_mid: np.ndarray  # (C,) half the overlap at the midpoint between the commit and now
+    together: np.ndarray  # (C, 3) change of angle_i + angle_j since the commit, if lever arms are shorter than R
     bond: np.ndarray = np.zeros((1, 3))  # force of bonds on body i, (C, 3), or zeros (1, 3) without bonds
 
     @property
@@ -79,7 +79,7 @@ class Linearisation(NamedTuple):
 
 
 def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
-    """Linearisation of every contact, at rest; see `contact_blocks` for the arguments."""
+    """Linearisation of every contact at zero velocity; see `contact_blocks` for the arguments."""
     check_materials(state, law)
     check_memory(memory)
     check_list(state, largest_gap(state, law))
@@ -107,7 +107,7 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 @checked
 @knows_bonds
 def contact_blocks(state: State, law: Law, *, memory: int = HELD):
-    """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
+    """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at zero velocity.
 
     They are exact for any state. At the positions of the commit, a law with `rescaled=True` has only directional
     derivatives; those for a growing overlap are returned.
@@ -121,8 +121,8 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     Returns
     -------
     (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
-        with bonds, rolling resistance or lever arms R − δ/2 (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i −
-        angle_j), see `rolling` and `tangent`
+        or, with bonds, rolling resistance or lever arms R − δ/2, (C, 9, 9) derivatives of (F, T/R, M) with respect to
+        (r, ρ, angle_i − angle_j): see `rolling` and `tangent`
 
     Raises
     ------
@@ -131,7 +131,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
 
     Source
     ------
-    doi:10.48550/arXiv.1908.11724, supplement Eqs 9–35, with the errata of the documentation.
+    doi:10.48550/arXiv.1908.11724, supplement Eqs 9–35, with the errata listed in the documentation.
     """
     return blocks_of(state, law, linearise(state, law, memory=memory), memory)
 
@@ -146,7 +146,7 @@ def blocks_of(state: State, law: Law, c: Linearisation, memory: int = HELD):
 
 
 def bond_blocks(state: State) -> np.ndarray:
-    """(C, 9, 9) parts of the blocks of contacts that are due to bonds."""
+    """Part of the contact blocks that is due to bonds, (C, 9, 9)."""
     nothing = np.zeros((2, int(state.contacts.count[0]), 9, 9))
     return next(with_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, state.contacts, *nothing))
 
@@ -213,7 +213,7 @@ def triplets(state: State, blocks: np.ndarray):
 
 
 def inverse_radii(state: State) -> np.ndarray:
-    """Inverse radii 1/R of grains, (B,), zero for walls, which do not rotate [1/length]."""
+    """Inverse radii 1/R of all bodies, (B,), zero for walls, which do not rotate [1/length]."""
     return np.append(1.0 / state.grains.radius, np.zeros(len(state.walls.mass)))
 
 

@@ -46,7 +46,7 @@ def needs_rebuild(x, contacts) -> bool:
 
 
 def check_list(state: State, gap: float = 0.0) -> None:
-    """Raise ValueError if the contact list is not valid at the positions of a state and across a gap."""
+    """Raise ValueError if the contact list is not valid at the positions of a state or does not cover a gap."""
     if needs_rebuild(body_positions(state), state.contacts) or gap > state.contacts.gap:
         raise ValueError(
             "the list of contacts does not match these positions: equilibrate, or accept(state, trial) first"
@@ -54,7 +54,7 @@ def check_list(state: State, gap: float = 0.0) -> None:
 
 
 def rebuild_list(x, radius, wall_normal, grid, old: Contacts, threads: int = 1) -> Contacts:
-    """Build a list at positions x with the memory of the old one and the same optional arrays.
+    """Build a contact list at positions x, with the memory and the optional arrays of the old list.
 
     The count of the new list is −1 on failure.
     """
@@ -80,12 +80,12 @@ def body_positions(state: State) -> np.ndarray:
 
 
 def body_radii(state: State) -> np.ndarray:
-    """Radii, (N + W,), zero for walls [length]. Do not write to this array: without walls, it is the grains' own."""
+    """Radii, (N + W,), zero for walls [length]. Do not write to it: without walls, it is the array of the grains."""
     return join_bodies(state.grains.radius, np.zeros(len(state.walls.mass)))
 
 
 def join_bodies(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
-    """Concatenate values of grains and walls. Without walls, return the grains' own array, to save memory."""
+    """Concatenate values of grains and walls. Without walls, return the array of the grains itself, to save memory."""
     return np.concatenate([grains, walls]) if len(walls) else grains
 
 
@@ -105,7 +105,7 @@ def with_neighbor_list(state: State, law: Law | None = None) -> State:
 
 
 def select_rows(contacts: Contacts, rows) -> Contacts:
-    """List with selected rows only. Optional arrays that are absent stay absent."""
+    """Contact list with selected rows only. Optional arrays that are absent stay absent."""
     parts = {name: getattr(contacts, name) for name in PER_PAIR}
     some = {name: part[rows] for name, part in parts.items() if part is not None and len(part)}
     return contacts._replace(**some, count=np.array([len(rows)]))
@@ -173,7 +173,7 @@ def with_range(state: State, law: Law) -> Contacts:
 
 
 def with_own_memory(contacts: Contacts, law: Law) -> Contacts:
-    """List with a row of memory for each pair, if the law has rotational or user-defined memory."""
+    """Contact list with a row of memory for each pair, if the law has rotational or user-defined memory."""
     row = np.append(np.zeros(angular_columns(law)), [*own_memory(law.kind).values()])
     if not len(row) or (contacts.rolling is not None and contacts.rolling.shape[1] == len(row)):
         return contacts

@@ -9,7 +9,7 @@ where m is the mid-step normal (see `mid_normal` in `mechanics.h`).
 
 A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so the
 transpose of the matrix that maps coordinates to r, ρ and θ = angle_i − angle_j maps F, T/R and M to loads. The twist
-τ ← τ + m·Δ(angle_i − angle_j) has the moment M_i = −k_t τ n. Dashpots are added, and sums truncated at the caps.
+τ ← τ + m·Δ(angle_i − angle_j) has the moment M_i = −k_t τ n. Dashpots are added, and the sums truncated at the caps.
 
 Sources: Iwashita & Oda, doi:10.1061/(ASCE)0733-9399(1998)124:3(285); Ai et al., doi:10.1016/j.powtec.2010.09.030; the
 same memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
@@ -35,7 +35,7 @@ class _MomentLinearisation(NamedTuple):
     secant: np.ndarray  # (C,) φ/|ψ|
     along: np.ndarray  # (C,) ∂φ/∂|ψ|
     by_overlap: np.ndarray  # (C,) ∂φ/∂δ at fixed ψ
-    by_force: np.ndarray  # (C,) ∂φ/∂F_n, as a dashpot changes F_n
+    by_force: np.ndarray  # (C,) ∂φ/∂F_n, needed because dashpots change F_n
     reach: np.ndarray  # (C,) |ψ| at the cap
     reach_by_overlap: np.ndarray  # (C,)
     reach_by_force: np.ndarray  # (C,)
@@ -45,7 +45,7 @@ class _MomentLinearisation(NamedTuple):
     twisting: np.ndarray  # (C,) k τ
     twisting_along: np.ndarray  # (C,) k, zero at the cap
     twisting_damping: np.ndarray  # (C,)
-    twisting_by_force: np.ndarray  # (C,) derivatives of k τ, as those of φ
+    twisting_by_force: np.ndarray  # (C,) derivatives of k τ, like those of φ
     twisting_by_overlap: np.ndarray  # (C,)
 
 
@@ -83,7 +83,7 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
 
 
 def rolling_bound(state, law: Law, here, inverse_inertia) -> float:
-    """Upper bound on ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
+    """Upper bound on ω² of the rolling springs alone, from |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
     if not resists_rolling(law):
         return 0.0
     struct, shift = law_struct(law, members=("range", "rolling")), shifts(state.contacts, state.cell.vectors)

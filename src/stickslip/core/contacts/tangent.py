@@ -1,7 +1,7 @@
 """Derivatives of the memory update of contacts, for slip and for rolling, as arrays with one row per contact.
 
 Let n be the current normal, Δr the displacement of the pair vector since the memory was committed and g = P Δr its
-tangential part. The mid-step normal is m = n − g/(2|r|); see `neighbors`. A vector w is mapped to T w = w − (n·w) m.
+tangential part. The mid-step normal is m = n − g/(2|r|); see `mechanics.h`. A vector w is mapped to T w = w − (n·w) m.
 Therefore
 
     dn = P dr/|r|,   dg = P dr − dn (n·Δr) − n (dn·Δr),   dm = dn − dg/(2|r|) + g (n·dr)/(2|r|²),
@@ -75,7 +75,7 @@ def memory_tangent(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Memory f a + κ d (C, 3), its derivative (C, 3, K), and its derivative with respect to `reach` (C, 3).
 
-    Here a = T `before` and d = (1 + f)/2 T `way`.
+    Here, a = T `before` and d = (1 + f)/2 T `way`.
 
     Parameters
     ----------

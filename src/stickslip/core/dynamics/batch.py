@@ -1,8 +1,8 @@
-"""Many systems side by side: legs are packed into a batch, run together, and unpacked.
+"""Many systems side by side: legs of runs are packed into a batch, run together, and unpacked.
 
 A batch runs on a graphics processor or on the host, where the same functions give the same bits (see `batch.h`). Bodies
 of a system are in memory order: single grains, with sizes mixed so that all blocks of threads have similar numbers of
-contacts; then grains of rigid groups and on springs; then walls.
+contacts; then grains in rigid groups or on springs; then walls.
 """
 
 from math import prod
@@ -36,7 +36,7 @@ from .record import Record, allocate_buffers, columns, make_record
 from .run import Leg, check_time_step
 
 SKIN = 0.02  # skin of the lists, in mean diameters
-WARP = 32  # array sizes are multiples of it
+WARP = 32  # array sizes are multiples of this
 _HALF = 1 << core.ENTRY_IMAGE - 1
 _SHIFTS = [core.ENTRY_FLAGS + core.ENTRY_IMAGE * k for k in (2, 1, 0)]
 STAY = "run without a device"
@@ -52,7 +52,7 @@ _INTEGERS = "number", "periodic", "members", "entry"
 
 
 class Sizes(NamedTuple):
-    """Sizes of a batch, for all of its systems."""
+    """Array sizes of a batch, sufficient for all of its systems."""
 
     slots: int
     room: int  # largest number of bodies of a system
@@ -64,7 +64,7 @@ class Sizes(NamedTuple):
     samples: int
     least: int  # smallest number of contacts of a grain that is not a rattler
     events: int  # rows for the events of a system
-    tracks: int  # bodies of each sample
+    tracks: int  # bodies recorded in each sample
     table: tuple[int, ...]  # shape of the table of a law
 
 
@@ -81,11 +81,11 @@ class Device(Protocol):
         """Read a part of an array."""
 
     def run(self, steps: int) -> np.ndarray:
-        """Run up to a number of steps of each system; return `number`."""
+        """Run each system for at most this number of steps; return the array `number`."""
 
 
 class Processor:
-    """The host processor, on one core. It serves tests: running the systems one after another is far faster."""
+    """The host processor, on one core, for tests only: `run` for one system after another is far faster."""
 
     def allocate(self, arrays, law, sizes) -> None:
         """Allocate arrays of zeros, and set the law."""
@@ -101,7 +101,7 @@ class Processor:
         return self.arrays[name][place].copy()
 
     def run(self, steps: int) -> np.ndarray:
-        """Run steps."""
+        """Run each system for at most this number of steps."""
         core.run_batch(self.law, self.batch, min(steps, 50))
         return self.arrays["number"].copy()
 
@@ -113,7 +113,7 @@ class System(NamedTuple):
     state: State  # state at the start, with the forces of its last step
     order: np.ndarray  # (B,) number of each body in the state
     single: int  # number of single grains
-    events: np.ndarray  # (E, EVENT) events of the start, see `RecordBuffers.events`
+    events: np.ndarray  # (E, EVENT) events at the start, see `RecordBuffers.events`
 
 
 def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | RuntimeError]:
@@ -122,7 +122,7 @@ def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | Run
     Raises
     ------
     ValueError
-        If a device cannot run a leg, or if a time step is too long.
+        If the device cannot run a leg, or if a time step is too long.
     """
     return run_systems([prepare(leg) for leg in legs], device)
 
@@ -151,7 +151,7 @@ def run_systems(systems: list[System], device: Device) -> list[tuple[State, Reco
 
 
 def _run(device: Device, wanted: int, sizes: Sizes) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Run all systems until each has ended or a list is too short; return `number` and the events of each system."""
+    """Run all systems until each has ended or a list is too short; return `number` and the events of every system."""
     events = [[] for _ in range(sizes.slots)]
     while True:
         number = device.run(wanted + 1)
@@ -228,17 +228,17 @@ def prepare(leg: Leg) -> System:
     single, rest = np.flatnonzero(~special), np.flatnonzero(special)
     single = single[np.argsort(-state.grains.radius[single], kind="stable")]
     single = np.concatenate([single[k :: len(single) // WARP + 1] for k in range(len(single) // WARP + 1)])
-    rest = rest[np.argsort(control.group[rest] % (control.group.max(initial=0) + 2), kind="stable")]  # none comes last
+    rest = rest[np.argsort(control.group[rest] % (control.group.max(initial=0) + 2), kind="stable")]  # no group: last
     return System(leg, state, np.concatenate([single, rest, np.arange(n, state.n_bodies)]), len(single), events)
 
 
 def _plan(leg: Leg) -> Plan:
-    """Return the kind of motion of the bodies of a leg."""
+    """Coefficients of the motion of the bodies in a leg."""
     return make_plan(leg.state, leg.drag, leg.drag if leg.spin_drag is None else leg.spin_drag, leg.dt)
 
 
 def _entries(systems: list[System]) -> int:
-    """Room for the entries of a body: 1.5 times the longest initial list, up to the limit."""
+    """Number of entries reserved for the list of a body: 1.5 times the longest initial list, up to the limit."""
     listed = touching = 0
     for system in systems:
         contacts, n = system.state.contacts, len(system.state.grains.radius)
@@ -255,7 +255,7 @@ def _longest(contacts: Contacts, rows: np.ndarray, grains: int) -> int:
 
 
 def _sizes(systems: list[System], most: int) -> Sizes:
-    """Sizes that hold all systems."""
+    """Array sizes that suffice for all systems."""
     states, legs = [system.state for system in systems], [system.leg for system in systems]
     law, dim = legs[0].law, states[0].cell.dim
     if any(s.cell.dim != dim for s in states) or any(_law_form(law) != _law_form(leg.law) for leg in legs):
@@ -351,7 +351,7 @@ def _pack_loads(state: State, single: int, slot: int, sizes: Sizes):
 
 
 def _pack_contacts(state: State, place: np.ndarray, slot: int, sizes: Sizes):
-    """Yield the lists of all bodies, which hold the closed contacts."""
+    """Yield the lists of all bodies, which contain the closed contacts."""
     contacts, n = state.contacts, len(state.grains.radius)
     rows = np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN)
     grains = rows[contacts.j[rows] < n]  # a wall has no list
@@ -416,7 +416,7 @@ def _unpack(
     motion, here = read("motion", now), bodies_at_start(state, state.instant)
     if number[core.SLOT_PHASE] == core.BROKE:
         far = np.linalg.norm(motion[:, : state.cell.dim], axis=1) * leg.dt
-        grain = int(np.argmin(far <= here.radius))  # the first that moved farther, or NaN; walls come last
+        grain = int(np.argmin(far <= here.radius))  # the first one that moved farther, or to NaN; walls come last
         return RuntimeError(f"{ended}: grain {grain} moved by more than its radius in a step")
     here = here._replace(
         position=np.ascontiguousarray(read("point", now)[:, :3]), angle=read("angle"),
@@ -446,7 +446,7 @@ def _unpack(
 
 
 def _unpack_events(events: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Events in chronological order, each once."""
+    """Events in chronological order, without duplicates."""
     out = events.copy()
     out[:, 2], out[:, 3] = order[events[:, 2].astype(int)], order[events[:, 3].astype(int)]
     out = out[_is_first(out[:, 2], out[:, 3], out[:, 4:7])]
@@ -454,13 +454,13 @@ def _unpack_events(events: np.ndarray, order: np.ndarray) -> np.ndarray:
 
 
 def _is_first(i: np.ndarray, j: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """Mask of list entries in which a contact, listed for both bodies, belongs to its first body."""
+    """Mask of the list entries of a contact's first body; each contact is listed for both of its bodies."""
     forward = (image > 0) @ [4, 2, 1] > (image < 0) @ [4, 2, 1]  # contact of a grain with its own image
     return (i < j) | ((i == j) & forward)
 
 
 def _unpack_contacts(system: System, slot: int, device: Device, held: int) -> Contacts:
-    """Closed contacts of a system, each once."""
+    """Closed contacts of a system, without duplicates."""
     order, old = system.order, system.state.contacts
     many, entry = device.read("entries", (held, slot)), device.read("entry", (held, slot))
     row, column = np.nonzero((np.arange(entry.shape[1]) < many[:, None]) & (entry & 3 != OPEN))

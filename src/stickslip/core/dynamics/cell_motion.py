@@ -1,6 +1,6 @@
 """Motion of the deforming cell, and rates with a time profile.
 
-The cell deforms with a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v. For simple shear
+The cell deforms with a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v. For simple shear,
 this is Newton's law with Lees–Edwards boundary conditions, written for velocities relative to the flow. Over a step,
 with A = (1 − ½ dt L)⁻¹ (1 + ½ dt L), every vector h of the cell becomes A h, and a position becomes
 A (x + ½ dt v) + ½ dt v, so that pair vectors do not depend on the origin. The term −L v is applied in two halves,
@@ -18,11 +18,11 @@ from ..arguments import Numbers, checked, knows_bonds
 from ..control import factors_at
 from ..state import State, as_numbers, deforms
 
-MIN_VOLUME_RATIO = 1e-6  # smallest volume of a cell after one strain, over its previous volume
+MIN_VOLUME_RATIO = 1e-6  # smallest allowed ratio of the volume of a cell after one strain to its previous volume
 
 
 class Flow(NamedTuple):
-    """Cell deformation and time profiles of a step, written in place."""
+    """Cell deformation and time profiles of a step, updated in place."""
 
     # (8, 3, 3), rows as in `core.h`: the cell's vectors at the positions; L; L predicted at the end of the step, for
     # dashpots; A; effect of half a step of L on a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen; L̇ of
@@ -30,8 +30,8 @@ class Flow(NamedTuple):
     matrix: np.ndarray
     factor: (
         np.ndarray
-    )  # (2, C + 1) values of courses, mean over the step and at its end; the last is 1, for rates without a course
-    rate: np.ndarray  # (B, 6) rates of bodies, in the order of memory
+    )  # (2, C + 1) time profiles: mean over the step, value at its end; the last is 1, for rates without a profile
+    rate: np.ndarray  # (B, 6) rates of bodies, in memory order
     follows: np.ndarray  # (B, 6)
 
     @property
@@ -41,7 +41,7 @@ class Flow(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Frame of reference that moves with the cell, and time profiles of rates; its arrays are written in place."""
+    """Frame of reference that moves with the cell, and time profiles of rates; its arrays are updated in place."""
 
     free: np.ndarray  # (3, 3) bool
     given: np.ndarray  # (3, 3) rates of components that are not free
@@ -54,7 +54,7 @@ class Frame(NamedTuple):
     place: np.ndarray  # (N,) position of each grain in memory
     grain_mass: np.ndarray  # (N,)
     made: np.ndarray  # (3, 3) vectors of the cell for which the list of contacts was built
-    clock: np.ndarray  # (1,) time, accumulated step by step, so a continued run has bitwise identical courses
+    clock: np.ndarray  # (1,) time, accumulated step by step, so a continued run has bitwise identical profiles
     reach: np.ndarray  # (1,) distance within which pairs were selected
     widest: float  # largest sum of two radii
 
@@ -67,7 +67,7 @@ class Frame(NamedTuple):
 @checked
 @knows_bonds
 def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
-    """State after an affine displacement x → x + G x of grains and cell; not in equilibrium.
+    """State after an affine displacement x → x + G x of grains and cell, in general not in equilibrium.
 
     The cell is always spanned by its vectors, so simple shear makes it triclinic (Lees–Edwards conditions).
 
@@ -81,7 +81,7 @@ def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
     Raises
     ------
     ValueError
-        If G has another shape or leaves the plane, or if the state has walls (they would have to bend).
+        If G has a wrong shape or leaves the plane, or if the state has walls (they would have to bend).
     """
     dim = state.cell.dim
     gradient = as_numbers(gradient)
@@ -110,7 +110,7 @@ def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
 
 
 def needs_frame(state: State) -> bool:
-    """Return True if a run needs a frame."""
+    """Return True if a run needs a `Frame`: the cell deforms, or a rate has a time profile."""
     control = state.control
     return deforms(state) or bool((control.follows >= 0).any())
 

@@ -27,7 +27,7 @@ def find_members(control: Control, place: np.ndarray | None = None) -> GroupMemb
 
 
 class Plan(NamedTuple):
-    """Coefficients of a run, constant during it."""
+    """Coefficients that are constant during a run."""
 
     external: np.ndarray  # (2, B, 3) forces and torques
     drags: tuple[float, float]  # drags of translations and of rotations [1/time]
@@ -65,7 +65,7 @@ def state_after(state: State, work: Bodies, contacts, time: float) -> State:
 
 
 def movable(state: State) -> np.ndarray:
-    """Components that forces can move, (B, 6) bool."""
+    """Components of bodies that forces can move, (B, 6) bool."""
     free, n = state.control.free.copy(), len(state.grains.radius)
     free[n:, 3:] = False
     if state.cell.dim == 2:

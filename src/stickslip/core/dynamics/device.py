@@ -18,7 +18,7 @@ from .record import Record
 from .run import Leg, check_steps
 
 STEPS = 32  # steps between checks of the state of the systems
-LONGEST = 1000  # launches between two checks from the host
+LONGEST = 1000  # launches between two checks by the host
 THREADS, TILE, CREW = 256, 32, 128  # the last two as in `batch.cu`
 OPTIONS = "--std=c++17", "--device-as-default-execution-space", "--fmad=false", "--diag-suppress=1097"
 
@@ -56,7 +56,7 @@ class Cuda:
             return self.cupy.asnumpy(self.arrays[name][place])
 
     def run(self, steps: int) -> np.ndarray:
-        """Run steps."""
+        """Run each system for at most this number of steps; return the array `number`."""
         for _ in range(min(LONGEST, -(-steps // STEPS))):
             self.graph.launch(self.stream)
         return self.read("number", slice(None))
@@ -72,7 +72,7 @@ class Cuda:
 
 
 def launches(sizes: Sizes, steps: int) -> Iterator[tuple[str, int, int]]:
-    """Name, blocks and threads of each kernel for a number of steps, and of the tasks after them."""
+    """Name and numbers of blocks and threads of each kernel launch, for some steps and the tasks after them."""
     bodies, dim = sizes.slots * sizes.room, sizes.dim
     each = -(-bodies // THREADS), THREADS
     yield from [(f"step_{dim}", bodies // TILE, CREW)] * steps
@@ -111,7 +111,7 @@ def run_batch(
     every: int = 0,
     device: str = "cuda",
 ) -> list[tuple[State, Record]]:
-    """Run many systems side by side on a graphics processor, as `run` does one after another.
+    """Run many systems side by side on a graphics processor, each of them as `run` does.
 
     Sums have a fixed order, so results are bitwise reproducible. They agree with those of `run` to round-off.
     Returned states can be continued here or by `run`.
@@ -119,12 +119,12 @@ def run_batch(
     Parameters
     ----------
     states : systems of the same dimension, in fixed cells, with walls that do not follow loads, at most 21 rigid groups
-        each, and at most 256 neighbours of a grain
+        each, and at most 256 neighbours per grain
     law : Law; linear or Hertzian springs with friction and dashpots
     steps : int; dt : float [time]
     drag : float [1/time]
     every : int, number of steps between samples (0: no samples)
-    device : "cuda", with the extra gpu
+    device : "cuda", which requires the extra gpu
 
     Returns
     -------
@@ -134,7 +134,7 @@ def run_batch(
     Raises
     ------
     ValueError
-        If a device cannot run a system, or if dt is longer than `stable_time_step`.
+        If the device cannot run a system, or if dt is longer than `stable_time_step`.
     MissingExtraError
         If CuPy is missing.
     RuntimeError
@@ -165,7 +165,7 @@ def run_batch(
 
 @cache
 def _module():
-    """CuPy, and the compiled kernels."""
+    """CuPy and the compiled kernels."""
     cupy = require("cupy", "gpu")
     try:
         cupy.cuda.runtime.getDeviceCount()

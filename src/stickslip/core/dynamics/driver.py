@@ -1,4 +1,4 @@
-"""Driver of runs: updates of the list and of the blocks, stops for records.
+"""Driver of runs: it updates the contact list and the blocks, and stops for records.
 
 In small systems, contacts are evaluated one after another, by rows of the list; in large ones, they are evaluated in
 vectorised blocks (see `blocks.h`). Blocks contain only touching and nearly touching pairs: those that could touch
@@ -50,7 +50,7 @@ def available_threads() -> int:
 
 
 def _thread_count(n: int, asked: int | None, watched: bool) -> int:
-    """Number of threads for a run: one if events are recorded, as this is done in memory order."""
+    """Number of threads for a run: one if events are recorded, because they are recorded in memory order."""
     if watched or (asked is None and n < 2 * GRAINS_PER_THREAD):
         return 1
     wanted = min(available_threads(), n // GRAINS_PER_THREAD) if asked is None else asked
@@ -95,7 +95,7 @@ class _Run:
         self.constants = [value and core.fill(kind, value) for kind, value in given]
         self.set_writing(writing)
         self.few = 1 + 300 / len(state.grains.radius)  # choosing few pairs is disproportionately expensive
-        # step; whether it has ended; whether velocities are those of the full step already
+        # number of the step; whether it has ended; whether velocities are already those of the full step
         self.progress = np.array([0, instant is not None, instant is None])
         self.residual = np.array([np.inf, -1.0])
         if instant is not None:
@@ -172,7 +172,7 @@ class _Run:
         return code
 
     def find_broken(self) -> tuple[int, int]:
-        """NOT_FINITE or RUNAWAY with the body concerned, or DONE and −1 otherwise."""
+        """NOT_FINITE or RUNAWAY and the body concerned; otherwise DONE and −1."""
         for code, row in (
             (core.NOT_FINITE, core.find_not_finite(self.moved)),
             (core.RUNAWAY, core.find_runaway(self.moved, self.plan.dt)),
@@ -192,12 +192,12 @@ class _Run:
         return here
 
     def record_groups(self, here: Bodies, row: int) -> None:
-        """Write one row of the series of rigid groups; the loop itself writes all others."""
+        """Write one row of the series of rigid groups; the compiled loop writes all others."""
         external, force = self.plan.external, _forces_in_state_order(self.moving)
         write_groups(self.writing.groups[row], self.state, external, here, force, self._time())
 
     def record_bonds(self, here: Bodies, row: int) -> None:
-        """Add bonds to one sample; the contributions of contacts are written by the loop itself."""
+        """Add bonds to one sample; the compiled loop writes the contributions of contacts."""
         contacts = self.contacts
         listed = contacts._replace(key=pack_keys(contacts.i, contacts.j, contacts.image), stale=True)
         state = state_after(self.state, here, listed, self._time())._replace(bonds=self.bonds)
@@ -226,7 +226,7 @@ class _Run:
         return state_after(self.state, here, contacts, time)._replace(instant=instant, bonds=self.bonds)
 
     def _list_at(self, position: np.ndarray, former, skin: float):
-        """List with the given skin at the given positions, and the memory of the former list."""
+        """Contact list with a given skin at given positions, and with the memory of the former list."""
         known, former = self.known, former._replace(skin=skin)
         contacts = rebuild_list(position, known.radius, known.normal, grid_of(self.state.cell), former, self.threads)
         if contacts.count[0] < 0:
@@ -348,5 +348,5 @@ def _forces_in_state_order(moving) -> np.ndarray:
 
 
 def _without_open_pairs(contacts):
-    """List without open pairs, which takes half the memory."""
+    """Contact list without open pairs; it takes half the memory."""
     return select_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))

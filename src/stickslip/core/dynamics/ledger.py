@@ -31,7 +31,7 @@ from .coefficients import Plan
 
 COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "rolling", "viscous", "drag", "nonpotential",
            "bonded", "broken")  # fmt: skip
-UNBALANCED = 1e-2  # largest defect of a small step, over its energy changes
+UNBALANCED = 1e-2  # largest defect of a small step, in units of its energy changes
 _STORED = [COLUMNS.index(name) for name in ("kinetic", "normal", "tangential", "bonded")]  # not sums over steps
 
 
@@ -48,10 +48,10 @@ class Ledger(NamedTuple):
     viscous: np.ndarray  # (T,) dissipated by dashpots
     drag: np.ndarray  # (T,) dissipated by drag
     # (T,) created (negative: destroyed) by tangential springs whose stiffness changed or whose slip was rescaled, and
-    # by bonds, whose loads have an energy only to first order in the rotations
+    # by bonds, whose loads derive from an energy only to first order in the rotations
     nonpotential: np.ndarray
     bonded: np.ndarray | float = 0.0  # (T,) stored in bonds
-    broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: their stored energy less their remaining work
+    broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: their stored energy minus their work in half of that step
 
     @property
     def defect(self) -> np.ndarray:
@@ -63,7 +63,7 @@ class Ledger(NamedTuple):
 
 
 class Books(NamedTuple):
-    """Data for posting one step: the state before it, and the running row."""
+    """Data for adding one step to the ledger: the state before it, and the running sums."""
 
     bodies: Bodies
     contacts: tuple
@@ -94,7 +94,7 @@ def open_books(samples: int, stride: int, bodies: Bodies, state: State, law: Law
 def post_step(
     books: Books, state: State, plan: Plan, here: Bodies, contacts, bonds: Bonds | None, step: int, every: int
 ) -> Books:
-    """Post one step, from the state in the books to `here`, `contacts` and `bonds`, which are not modified."""
+    """Add one step, from the state in the books to `here`, `contacts` and `bonds`, which are not modified."""
     vectors, row = state.cell.vectors, books.row
     pull = spring_forces(state.control, here.position, state.time + step * plan.dt)
     row[_STORED] = 0.0
@@ -118,7 +118,7 @@ def post_step(
 
 
 def _ends_of_step(old: Bodies, now: Bodies, before, after, old_vectors, vectors) -> dict:
-    """Members of the struct of a step that describe its ends."""
+    """Struct members that describe the beginning and the end of a step."""
     strain = np.zeros((3, 3))
     if (vectors != old_vectors).any():  # dt L of the step that moved the cell
         strain = 2 * np.linalg.solve(vectors + old_vectors, vectors - old_vectors).T
@@ -151,7 +151,7 @@ def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0)
     slip implied by the motion less the remaining slip. Dashpots dissipate (F_n − F_n,spring) and (F_t − F_t,spring)
     times the relative velocities, averaged over both ends, times dt.
 
-    The energy ledger of a run, `run(…, ledger=True)`, adds up the same numbers of all contacts.
+    The energy ledger of a run, `run(…, ledger=True)`, adds up the same numbers for all contacts.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0)
 
 
 def _post(row: np.ndarray, before: State, after: State, law: Law, *, dt: float = 0.0, first: bool = False):
-    """Add a step between accepted states to a row, without kinetic energy; return the dissipation of each contact."""
+    """Add a step between accepted states to a row, without kinetic energy; return the dissipation at each contact."""
     ends, still = [bodies_of(before), bodies_of(after)], np.zeros((after.n_bodies, 3))
     shares, none = np.zeros((len(after.contacts.i), 2)), np.zeros(after.n_bodies)
     row[_STORED] = 0.0
@@ -201,7 +201,7 @@ class PathLedger:
         _post(self.row, state, state, law, first=True)
 
     def post(self, end: State) -> None:
-        """Post a small step to another accepted state."""
+        """Add a small step to another accepted state."""
         _post(self.row, self.here, end, self.law)
         self.here = end
 
@@ -213,12 +213,12 @@ class PathLedger:
         return bool(abs(defect) <= UNBALANCED * np.abs(row - self.row).sum())
 
     def post_run(self, end: State, ledger: Ledger) -> None:
-        """Post a run from the present state, whose ledger was sampled at its end; `stop` may follow."""
+        """Add a run from the present state, given its ledger, which has a sample at its end; `stop` may follow."""
         self.row[_STORED], self.here = 0.0, end
         self.row += [column[-1] for column in ledger]
 
     def stop(self, end: State) -> None:
-        """Post the removal of the kinetic energy of the present state."""
+        """Add the removal of the kinetic energy of the present state."""
         self.row[COLUMNS.index("drag")] += self.row[0]
         self.row[0], self.here = 0.0, end
 

@@ -27,7 +27,7 @@ class MovingBodies(NamedTuple):
     external: np.ndarray  # (B, 8) external forces, and zeros; or (1, 8) without any
     torque: np.ndarray  # (B, 3) external torques, or (1, 3) without any
     virial: np.ndarray  # (B, 9) Σ f ⊗ r over contacts in which a body is i, only with a frame; otherwise (0, 9)
-    origin: np.ndarray  # (B, 4) positions when blocks were chosen, and 1/d² (1 with a frame), d the displacement limit
+    origin: np.ndarray  # (B, 4) positions when blocks were chosen, and 1/d² (1 with a frame); d: displacement limit
     tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; rigid groups and walls follow
     member: np.ndarray  # (M,) bodies in rigid groups, group after group
     members: np.ndarray  # (G + 1,) bounds of the groups
@@ -61,14 +61,14 @@ def gather_springs(state: State, moving: MovingBodies) -> Springs | None:
 
 
 def _empty_aligned(rows: int, width: int) -> np.ndarray:
-    """Uninitialised array (rows, width) aligned to cache lines: a vector that spans two lines takes twice as long."""
+    """Uninitialised array (rows, width) aligned to cache lines: access across two lines takes twice as long."""
     flat = np.empty(rows * width + _LINE)
     first = -(flat.ctypes.data // 8) % _LINE
     return flat[first : first + rows * width].reshape(rows, width)
 
 
 def split_layers(x, rows, parts):
-    """Split some of the points x (3, n) into equal-sized parts of neighbours: layers, rows within these, and so on.
+    """Split the points x (3, n) in `rows` into equal-sized parts of neighbours: layers, rows within them, and so on.
 
     Parts are ordered by layers along the longest side, so that at any time few pairs connect earlier parts with later
     ones.
@@ -95,7 +95,7 @@ def balance_threads(share, spent):
         return share
     speed, rank = np.diff(share) / spent, np.arange(1, len(share))
     bound = np.rint(share[-1] * np.cumsum(speed) / speed.sum())
-    bound = np.maximum.accumulate(np.maximum(bound - rank, 0)) + rank  # each thread keeps a tile
+    bound = np.maximum.accumulate(np.maximum(bound - rank, 0)) + rank  # each thread keeps at least one tile
     return np.append(0, np.minimum(bound, share[-1] - rank[::-1] + 1)).astype(share.dtype)
 
 
@@ -110,7 +110,7 @@ def _memory_order(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
     control, n = state.control, len(state.grains.radius)
     last = ((control.group >= 0) | control.spring.any(axis=1))[:n]
     single, grid = np.flatnonzero(~last), grid_of(state.cell)
-    # a product by BLAS would wake its threads, see `fields`
+    # a BLAS product would wake the threads of BLAS, see `fields`
     fraction = np.einsum("kb,nk->bn", grid.inverse, state.grains.position[single])
     x = (fraction - np.where(grid.periodic[:, None], np.floor(fraction), 0.0)) * grid.height[:, None]
     x -= x.min(axis=1, initial=np.inf)[:, None]

@@ -49,7 +49,7 @@ class Record(NamedTuple):
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero if there are none [1]
     momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
     coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included [1]
-    held_coordination: np.ndarray  # (T,) the same mean without rattlers and their contacts: see `measure.coordination`
+    held_coordination: np.ndarray  # (T,) mean number of contacts without rattlers: see `measure.coordination`
     rattlers: np.ndarray  # (T,) number of rattlers
     cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]
     group_position: np.ndarray  # (T, G, 3) centre of mass of each rigid group [length]
@@ -103,7 +103,7 @@ class Record(NamedTuple):
 
     @property
     def shear_strain(self) -> np.ndarray:
-        """Shear strain G_xy since the first sample, (T,), displacement along x over distance along y [1]."""
+        """Shear strain G_xy since the first sample, (T,), displacement along x per distance along y [1]."""
         return self.strain[:, 0, 1]
 
     @property
@@ -174,7 +174,7 @@ def write_groups(row: np.ndarray, state: State, external, bodies, force, time: f
 
 
 def add_bonds(row: np.ndarray, state: State, law) -> None:
-    """Add the bonds of a state to a sample that has the contributions of contacts; see `measure.touching`."""
+    """Add the bonds of a state to a sample that already has the contributions of contacts; see `measure.touching`."""
     virial, nothing, least = np.zeros((3, 3)), np.zeros((state.n_bodies, 3)), least_supports(law, state.cell.dim)
     add_bond_loads(state.bonds, state.cell.dim, bodies_of(state), state.cell.vectors, nothing, nothing.copy(), virial)
     values = {
@@ -205,7 +205,7 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
 
 
 def with_lost_contacts(writing: RecordBuffers, before, after, position, time) -> RecordBuffers:
-    """Record as opened the contacts that left the list in one step."""
+    """Record the contacts that left the list in one step as opened."""
     if not len(writing.events):
         return writing
     n, count = int(before.count[0]), int(writing.event_count[0])

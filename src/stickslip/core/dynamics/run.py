@@ -49,7 +49,7 @@ class Leg(NamedTuple):
     state: State
     law: Law
     dt: float  # [time]
-    steps: int  # number of steps after the state
+    steps: int  # number of steps from the state
     samples: int = 1  # number of returned states, evenly spaced, the last one at the end
     drag: float = 0.0  # [1/time]
     spin_drag: float | None = None  # [1/time], if different from drag; not in LAMMPS
@@ -122,11 +122,11 @@ def run(
 ):
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
-    The scheme is second order in dt, even with friction. Where contacts with dashpots close or open, its order is 3/2
+    The scheme is of second order in dt even with friction. Where contacts with dashpots close or open, its order is 3/2
     for `viscoelastic` damping, which starts as √δ v, and 1 for `velocity` and `mass_velocity` damping, which act in
-    full from the first touch. With `slip_update="rate"` its order is 1. The given state is not modified. If `tolerance`
-    > 0, the run stops early once both the largest unbalanced force (or torque/R) and the largest drag force are below
-    it.
+    full from the first touch. With `slip_update="rate"`, its order is 1. The given state is not modified. If a positive
+    `tolerance` is given, the run stops early once both the largest unbalanced force (or torque/R) and the largest drag
+    force are below it.
 
     Parameters
     ----------
@@ -134,10 +134,10 @@ def run(
     drag, spin_drag : float [1/time]; spin_drag defaults to drag
     every : int, number of steps between samples (0: no samples)
     probes : grains whose position and angle are sampled
-    events : also record each contact that closes, opens, or first reaches the Coulomb limit since it closed
+    events : also record each contact that closes, opens, or reaches the Coulomb limit for the first time after closing
     ledger : also compute the energy ledger, updated after every step and sampled every `every` steps: see `Ledger`.
-    With a number of steps instead of True, it is updated only once in that many steps, which makes its sums coarser;
-    `every` must be a multiple of this number
+        With a number of steps instead of True, it is updated only once in that many steps, so its sums are coarser;
+        `every` must be a multiple of this number
     tolerance : float [force]
     reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
     slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains. A
@@ -148,13 +148,13 @@ def run(
         contact is set so that spring and dashpot together are at the limit. "rate" is first order in dt where contacts
         rotate, close or have dashpots
     threads : int, by default one for few grains and one per core for many; results are bitwise independent of it
-    engine : another program that runs the same steps: see `protocols.lammps_engine`. It supports `drag` and `every`
-    only
+    engine : another program that runs the same steps: see `protocols.lammps_engine`. It supports only `drag` and
+        `every`
 
     Returns
     -------
     State, Record, Outcome
-        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; a run that fails stops at once, and its
+        the outcome is DONE or, with `tolerance`, CONVERGED or STEPS_SPENT; a run that fails stops at once, and its
         outcome, NOT_A_NUMBER or BLOWN_UP, names the grain, the step, the time and the largest stable time step
 
     Raises
@@ -196,7 +196,7 @@ def run(
     plan, free = make_plan(state, drag, spin_drag, dt, tolerance), movable(state)
     if tolerance > 0 and ((free[:, :3].any() and not drag > 0) or (free[:, 3:].any() and not spin_drag > 0)):
         raise ValueError(
-            "tolerance requires drag on every free component, or the state does not come to rest: add drag"
+            "tolerance requires drag on every free component, without which the state does not come to rest: add drag"
         )
     probes = np.atleast_1d(probes)
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
@@ -249,7 +249,7 @@ def _run_elsewhere(engine: Engine, leg: Leg, asked: list[str]) -> tuple[State, R
 
 
 def take_sample(state: State, leg: Leg) -> Record:
-    """Record with one sample, a state computed by another engine during a leg."""
+    """Record with one sample: a state computed by another engine during a leg."""
     return run(state, leg.law, 0, leg.dt, every=1, reference=leg.state.grains.position)[1]
 
 

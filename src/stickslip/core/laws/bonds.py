@@ -8,7 +8,7 @@ from ..arguments import NotNegative, Positive, checked
 from ..fields import LARGEST
 from ..readable import readable
 
-# combination of the strengths in tension, shear, bending and twisting, see `core.h`
+# how the strengths in tension, shear, bending and twisting are combined, see `core.h`
 BY_STRETCH, BY_SUM, BY_BEAM = 0, 1, 2
 UNBREAKABLE = 1e300
 _NAMES = {BY_STRETCH: "spring", BY_SUM: "beam", BY_BEAM: "parallel bond"}
@@ -17,17 +17,17 @@ _NO = 0.0, 0.0, 0.0, 0.0
 
 @readable(head=lambda bond: _NAMES[bond.form])
 class Bond(NamedTuple):
-    """Law of a bond, from a function such as `laws.spring_bond`. Four entries: tension, shear, bending, twisting."""
+    """Law of a bond, from a function such as `laws.spring_bond`. Tuples contain tension, shear, bending, twisting."""
 
     MADE_BY = "laws.spring_bond"
 
     form: int  # how strengths are combined
-    stiffness: tuple[float, float, float, float]  # parallel bonds: per area [force/length³], twice, then zeros
-    strength: tuple[float, float, float, float]  # springs: a strain; parallel bonds: stresses, then zeros
+    stiffness: tuple[float, float, float, float]  # parallel bonds: two per area [force/length³], then zeros
+    strength: tuple[float, float, float, float]  # springs: a strain; parallel bonds: two stresses, then zeros
     damping: tuple[float, float, float, float] = _NO
-    fading: int = 0  # p, loads are multiplied by 1 − (load/strength)^p before failure; 0: they are not
+    fading: int = 0  # exponent p: before failure, loads are multiplied by 1 − (load/strength)^p; 0: they are not
     normalized: bool = False  # the first two stiffnesses are divided by the length at rest
-    size: float | np.ndarray = 1.0  # radius of a parallel bond over that of the smaller grain, (K,) in `coefficients`
+    size: float | np.ndarray = 1.0  # radius of a parallel bond in radii of the smaller grain, (K,) in `coefficients`
 
 
 @checked
@@ -40,7 +40,7 @@ def spring_bond(
     Parameters
     ----------
     k : stiffness [force/length]
-    stretch : |r − r₀|/r₀ at which the bond breaks; by default it never breaks
+    stretch : |r − r₀|/r₀ at which the bond breaks; by default, it never breaks
     damping : γ [force time/length]
     smooth : before the bond breaks, its load is multiplied by 1 − (fraction of `stretch`)⁸
     normalized : k is a force that is divided by r₀
@@ -63,16 +63,16 @@ def beam_bond(
     strength: tuple[float, float, float, float] | None = None,
     damping: tuple[float, float, float, float] = _NO, smooth: bool = True, normalized: bool = False,
 ) -> Bond:  # fmt: skip
-    """Bond that resists tension, shear, bending and twisting, as LAMMPS `bpm/rotational`; see `core/contacts/bonds.py`.
+    """Bond that resists tension, shear, bending and twisting, as in LAMMPS `bpm/rotational`; see `contacts/bonds.py`.
 
-    It breaks where F_n/F_c + |F_s|/F_s,c + |M_b|/M_b,c + |M_t|/M_t,c = 1, with F_n < 0 in compression.
+    It breaks when F_n/F_c + |F_s|/F_s,c + |M_b|/M_b,c + |M_t|/M_t,c = 1, with F_n < 0 in compression.
 
     Parameters
     ----------
     tension, shear : stiffnesses [force/length]
     bending, twisting : stiffnesses [force length]
-    strength : the four denominators, two in [force] and two in [force length]; by default the bond never breaks
-    damping : γ of the normal, tangential, rolling and twisting velocities as in LAMMPS
+    strength : the four denominators, two in [force] and two in [force length]; by default, the bond never breaks
+    damping : γ of the normal, tangential, rolling and twisting velocities, as in LAMMPS
     smooth : before the bond breaks, its loads are multiplied by 1 − (fraction of the strength)⁴
     normalized : the first two stiffnesses are forces that are divided by the length at rest
 
@@ -101,7 +101,7 @@ def parallel_bond(
     """Parallel bond of Potyondy & Cundall: a disk of cement between two grains, or a strip between two disks.
 
     The cement has the radius R = `radius` min(R_i, R_j), the area A and the moments of inertia I and J (for disks of
-    unit thickness, A = 2R and I = 2R³/3). It breaks where F_n/A + |M_b| R/I reaches the tensile strength, or |F_s|/A +
+    unit thickness, A = 2R and I = 2R³/3). It breaks when F_n/A + |M_b| R/I reaches the tensile strength, or |F_s|/A +
     |M_t| R/J the shear strength.
 
     Parameters
@@ -130,7 +130,7 @@ def _require_four(name: str, values, least: float) -> None:
 
 
 def coefficients(bond: Bond, dim: int, radius_i, radius_j, length):
-    """Stiffness, damping and strength (K, 4), and the distance of the shear force from j over the length, (K,)."""
+    """Stiffness, damping and strength (K, 4), and the distance from j to the shear force, in bond lengths, (K,)."""
     k = len(length)
     stiffness, damping, strength = (np.tile(row, (k, 1)) for row in (bond.stiffness, bond.damping, bond.strength))
     if bond.normalized:

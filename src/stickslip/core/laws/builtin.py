@@ -25,8 +25,8 @@ DAMPING = {
     "velocity": VELOCITY, "mass_velocity": MASS, "viscoelastic": VISCOELASTIC, "tsuji": TSUJI,
     "coeff_restitution": RESTITUTION,
 }  # fmt: skip
-NO_TENSION = 4  # added to the damping model if dashpots must not make a contact pull
-# properties: lever arms of grains on grains are R − δ/2; rolling resistance, whose dashpot may grow with F_n; twisting,
+NO_TENSION = 4  # added to the damping model if dashpots must not make a contact attractive
+# properties: lever arms between grains are R − δ/2; rolling resistance, whose dashpot may grow with F_n; twisting,
 # whose coefficients may be multiples of a²; a memory of tangential forces
 LEVER, ROLLING, VISCOUS, TWISTING, SCALED, KEEPS_FORCE = 1, 2, 4, 8, 16, 32
 MOMENTS = {  # parameters of properties, with their units and meanings
@@ -51,8 +51,8 @@ class Law(NamedTuple):
 
     kind: int
     coulomb: int
-    table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
-    damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, plus NO_TENSION
+    table: np.ndarray  # (materials, materials, parameters), symmetric in the first two indices
+    damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, possibly plus NO_TENSION
     properties: int = 0  # sum of flags, which are defined in `laws.properties`
 
     def check_entries(self) -> None:
@@ -92,10 +92,10 @@ def hertz_mindlin(
         infinitely heavy, walls also as flat. With "coeff_restitution", `damping_n` is the coefficient of restitution e
         of a head-on collision at any size and speed, with and without `tension` (0: no dashpots), `damping_t` is
         c_t/c_n, and c_n = α(e) √(m_eff F_n/δ), where F_n/δ is that of the spring. "tsuji" is the same with another
-        α(e), for which e is nominal: the page on contact laws has a table
-    tension : False clips F_n at zero where the dashpot would make the contact pull
+        α(e), for which e is only nominal: see the table on the page on contact laws
+    tension : False clips F_n at zero where the dashpot would make the contact attractive
     rescaled : True shortens the slip as the contact radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0. A growing
-        overlap leaves it unchanged. Over an increment, s ← f s with f = √(δ/δ_old) before s is rotated, and s grows by
+        overlap does not change s. Over an increment, s ← f s with f = √(δ/δ_old) before s is rotated, and s grows by
         (1 + f)/2 of the displacement (by all of it with `slip_update="rate"`). Where the memory was committed, forces
         are only directionally differentiable; tangents there are those for a growing overlap
 
@@ -122,8 +122,8 @@ def linear(
 
     Smooth friction is defined as in `hertz_mindlin`.
 
-    Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length]. With `damping="mass_velocity"` this is the
-    law of LAMMPS `gran/hooke/history`.
+    Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length]. With `damping="mass_velocity"`, this is
+    the law of LAMMPS `gran/hooke/history`.
 
     Source
     ------
@@ -139,8 +139,8 @@ def hertz_mindlin_reff(
 ) -> Law:  # fmt: skip
     """F_n = p (k_n δ − m_eff γ_n v_n); F_t = −p (k_t s + m_eff γ_t v_t), p = √(δ R_eff).
 
-    |F_t| ≤ μ max(F_n, 0). In a run with `slip_update="rate"` the limit is μ |F_n|, as in LAMMPS `gran/hertz/history`.
-    With `rescaled=True` this is the law of LAMMPS `granular hertz` with `damping viscoelastic tangential
+    |F_t| ≤ μ max(F_n, 0). In a run with `slip_update="rate"`, the limit is μ |F_n|, as in LAMMPS `gran/hertz/history`.
+    With `rescaled=True`, this is the law of LAMMPS `granular hertz` with `damping viscoelastic tangential
     mindlin_rescale`.
 
     Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length²] and γ in [1/(time length)];
@@ -154,10 +154,10 @@ def hertz_mindlin_reff(
     return make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
-# Laws whose normal force has additional parameters: adhesion, liquid bridges, plasticity. All have the parameters of
-# `hertz_mindlin`, including `coulomb`, `damping` and `tension`, and additional ones. Dashpots act where the overlap is
-# positive, and contribute to no cap except that of `walton_braun`. Viscoelastic dashpots of `jkr` use the radius √(δ
-# R_eff), whereas those of LAMMPS use a.
+# Laws whose normal force has additional parameters: adhesion, liquid bridges, plasticity. All also have the parameters
+# of `hertz_mindlin`, including `coulomb`, `damping` and `tension`. Dashpots act where the overlap is positive, and
+# contribute to no cap except that of `walton_braun`. Viscoelastic dashpots of `jkr` use the radius √(δ R_eff), whereas
+# those of LAMMPS use a.
 
 
 @checked
@@ -167,8 +167,8 @@ def jkr(
 ) -> Law:  # fmt: skip
     """F_n = k_n a³/R_eff − √(6π w k_n a³), δ = a²/R_eff − √(8πwa/(3k_n)); F_t = −k_t a s, |F_t| ≤ μ |F_n + 3πwR_eff|.
 
-    Adhesive elastic spheres. Contacts form at zero gap, attract by at most 1.5 π w R_eff, and pull off at a gap of
-    (27 c²/256)^{1/3}/R_eff, c = 8πwR_eff²/(3k_n). Without adhesion this is `hertz_mindlin_reff`.
+    Adhesive elastic spheres. Contacts form at zero gap, attract with at most 1.5 π w R_eff, and pull off at a gap of
+    (27 c²/256)^{1/3}/R_eff, c = 8πwR_eff²/(3k_n). Without adhesion, this is `hertz_mindlin_reff`.
 
     Parameters
     ----------
@@ -195,8 +195,8 @@ def dmt(
 ) -> Law:  # fmt: skip
     """F_n = k_n √R_eff δ^{3/2} − 2πwR_eff; F_t = −k_t √(δ R_eff) s, |F_t| ≤ μ |F_n + 4πwR_eff|.
 
-    Small, stiff adhesive spheres: the attraction appears and vanishes at zero overlap, so that energy is
-    conserved only as far as the time step resolves the jump.
+    Small, stiff adhesive spheres: the attraction appears and vanishes at zero overlap, so that energy is conserved
+    only to the extent that the time step resolves the jump.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def walton_braun(
 ) -> Law:  # fmt: skip
     """F_n = k_n δ where the overlap is the largest so far, δ_m, else k_u max(δ − (1 − k_n/k_u) δ_m, 0); F_t = −k_t s.
 
-    Plastic contacts with the memory δ_m. Spheres rebound with √(k_n/k_u) of their speed.
+    Plastic contacts with the memory δ_m. Spheres rebound with √(k_n/k_u) of their impact speed.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def liquid_bridge(
     return make_law("liquid_bridge", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t, **own)
 
 
-# constructors by name, which is that of the law; some have an argument `rescaled`
+# constructors by the name of the law; some have an argument `rescaled`
 CONSTRUCTORS: dict[str, Callable[..., "Law"]] = {
     law.name: partial(globals()[law.name.removesuffix("_rescaled")], rescaled=True)
     if law.rescales
@@ -337,7 +337,7 @@ def _names_of_any_sign(law: Law) -> tuple[str, ...]:
 
 
 _DASHPOTS = "gamma_roll", "gamma_twist"
-MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
+MAX_PARAMETER = 1e100  # largest value: parameters are squared and multiplied by each other
 
 
 def damping_model(law: Law) -> int:
@@ -369,7 +369,7 @@ MOST_MATERIALS = 1000
 
 @checked
 def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
-    """Law with other parameters between materials `a` and `b`. New materials start as copies of material 0.
+    """Law with changed parameters between materials `a` and `b`. New materials start as copies of material 0.
 
     Examples
     --------
@@ -398,7 +398,7 @@ def laws_equal(a: Law, b: Law) -> bool:
 
 
 def with_values(law: Law, **parameters) -> Law:
-    """Law with other parameters between all materials."""
+    """Law with changed parameters for all pairs of materials."""
     names, table = parameter_names(law), law.table.copy()
     for name, value in parameters.items():
         check_parameter(name, value, _given_names(law), _names_of_any_sign(law))
@@ -459,7 +459,7 @@ def _describe(law: Law) -> str:
 
 
 def _parameters(law: Law) -> dict[str, np.ndarray]:
-    """Parameters by name, (materials, materials); those of dashpots only if any pair has them."""
+    """Parameters by name, (materials, materials); those of dashpots only if some pair has dashpots."""
     known = law.kind in USER_LAWS or 0 <= law.kind < len(NAMES)
     columns = zip(parameter_names(law) if known else PARAMETERS, np.moveaxis(law.table, -1, 0), strict=False)
     return {name: values for name, values in columns if name in PARAMETERS[:3] or values.any()}
@@ -470,7 +470,7 @@ _SCALED = {  # parameters scaled with the contact radius a
     "k_twist": ("force/length", "twisting stiffness over a²"), "mu_twist": ("1", "largest twisting moment over a F_n"),
     "gamma_twist": ("1", "twisting dashpot over a² times the tangential one"),
 }  # fmt: skip
-DASHPOTS = {  # unit of the coefficients of a model of damping, and the force in words
+DASHPOTS = {  # unit of the coefficients of a damping model, and the force in words
     VELOCITY: ("force time/length", "proportional to the velocity"),
     MASS: ("1/time", "proportional to effective mass and velocity"),
     VISCOELASTIC: ("1/(time length)", "proportional to effective mass, contact radius and velocity"),

@@ -41,7 +41,7 @@ from .validation import sample_points
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap", "update"
 TANGENTS = *FORCES, "slopes", "cap_slopes", "rolling_slopes"
-MEMBERS = {  # C functions of a user-defined law, and the function of the law that each needs
+MEMBERS = {  # C functions of a user-defined law, and the Python function that each one needs
     "force": "normal_force",
     "cap": "cap",
     "slopes": "normal_force",
@@ -118,7 +118,7 @@ def _table(law: Law) -> np.ndarray:
 
 @lru_cache
 def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
-    """Members that all laws of a kind share."""
+    """Struct members that all laws of a kind share."""
     check_kind(kind)
     out = dict.fromkeys(MEMBERS)
     if not isinstance(kind, Kind):
@@ -147,7 +147,7 @@ def block_function(kind: Kind, name: str):
     MissingExtraError
         If Numba is not installed.
     ValueError
-        If Numba cannot compile it; the message names the line.
+        If Numba cannot compile the function; the message names the line.
     """
     own = USER_LAWS[kind]
     with announced(f"compiling {own.name}: {MEMBERS[name]}"):
@@ -172,7 +172,7 @@ def _compiled_block(own: UserLaw, kind: Kind, name: str):
 
 @cache
 def numba_functions(kind: Kind) -> dict:
-    """Functions of a user-defined law for Numba, and other names that blocks use."""
+    """Functions of a user-defined law compiled by Numba, and the other names that block functions use."""
     made: dict = {}
     njit = require("numba", "laws").njit
     functions = {name: _compile(function, made, njit) for name, function in USER_LAWS[kind].functions.items()}
@@ -207,7 +207,7 @@ def _names(code: types.CodeType) -> set[str]:
 
 
 def _summarize_numba_error(message: str, files: set[str]) -> str:
-    """Innermost line in the files of a law that Numba reports, and its message."""
+    """Innermost line that Numba reports in the files of a law, and Numba's message."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
     starts = re.compile(r"(No implementation|Use of|Unknown|Cannot|Invalid|Untyped)")
     said = next(filter(starts.match, lines), lines[0]).partition(" Raised from ")[0][:200]
@@ -236,7 +236,7 @@ def _memory_names(own: UserLaw) -> list[str]:
 
 
 def _call(own: UserLaw, name: str, overlap="overlap[k]", normal_force="fn[k]", default="", seen="") -> str:
-    """Expression that calls a function of the law at contact k; its memory is updated at the overlap `seen`."""
+    """Expression that calls a function of the law at contact k, whose memory is updated at the overlap `seen`."""
     if name not in own.functions:
         return default
     at = {"overlap": overlap, "r_eff": "r_eff[k]", "normal_force": normal_force}
@@ -307,23 +307,23 @@ _LINES = {
 
 
 _PAIRS = "slopes", "cap_slopes"
-_MEMBERS = {"stiffness": "force"}  # function of a user-defined law that gives a result, if it has another name
+_MEMBERS = {"stiffness": "force"}  # function of a user-defined law that gives a result, if its name differs
 
 
 def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, normal_force=0.0):
-    """Values of a law by contact: an array for each given name, or a single array for one name.
+    """Values of a law at given contacts: an array for each name, or a single array for one name.
 
     Overlaps are positive, or within the range of the law. All arguments are numbers or arrays of the same shape.
 
     Parameters
     ----------
     wanted : "force" and "energy" of the normal spring; "stiffness" of the tangential one; "slopes" (…, 2), the
-        derivatives of force and stiffness; "cap" and "cap_slopes" (…, 2), its derivatives with respect to the normal
-        force and the overlap; "range"; "damping", the factor on the damping coefficients
+        derivatives of force and stiffness; "cap" and "cap_slopes" (…, 2), those of the cap with respect to
+        normal force and overlap; "range"; "damping", the factor that multiplies the damping coefficients
     overlap, r_eff : δ and R_eff [length]
     a, b : materials of the two bodies
     m_eff : effective mass, for dashpots [mass]
-    normal_force : force including that of the dashpot, for caps [force]
+    normal_force : normal force including that of the dashpot, for caps [force]
     """
     given = np.broadcast_arrays(a, b, overlap, r_eff, m_eff, normal_force)
     types, shape = (np.int64, np.int64, *4 * [float]), given[0].shape
@@ -339,7 +339,7 @@ def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, no
 
 
 def largest_stiffness(law: Law, r_eff: float, deepest: float) -> float:
-    """Largest stiffness of a law for material 0 between the end of its range and an overlap [force/length].
+    """Largest stiffness of a law for material 0 between the end of its range and the overlap `deepest` [force/length].
 
     The stiffness of a built-in law grows with the overlap. The rolling stiffness of a user-defined law is converted to
     k_r m/I, with the I of spheres.

@@ -65,7 +65,7 @@ def find_user_law(kind: int) -> UserLaw:
 
 
 def describe_law(law) -> dict:
-    """Record of a user-defined law without its numbers. It identifies the law and is readable, but never executed."""
+    """Record that identifies a user-defined law, without parameter values. Its text is readable, but never executed."""
     own = find_user_law(law.kind)
     return {"name": own.name, "digest": f"{int(law.kind):x}", "source": own.source, "parameters": " ".join(own.names)}
 
@@ -76,7 +76,7 @@ def restore_kind(kind: int, about: dict) -> Kind:
     Raises
     ------
     ValueError
-        If neither the law nor another with the same text has been created.
+        If neither the law nor another law with the same text has been created.
     """
     if kind in USER_LAWS:
         return Kind(kind)
@@ -98,7 +98,7 @@ def evaluate_role(kind: Kind, role: str, values, **given):
 
 
 def bound(own: UserLaw, role: str, values: dict) -> list:
-    """Arguments of a function from values by name; missing memory has the value that it has when a contact closes."""
+    """Arguments of a function from values by name; missing memory has its value at the closing of a contact."""
     values = own.memory | values
     return [values[name] for name in own.arguments[role]]
 

@@ -1,6 +1,6 @@
 """Properties that any contact law can have: lever arms, memory of forces, rolling, twisting, restitution.
 
-Where the parameter of dashpots is a coefficient of restitution, a contact with F_n = k δ^p and
+Where dashpots are given by a coefficient of restitution, a contact with F_n = k δ^p and
 c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator in δ^{(p+1)/2}. The restitution of a head-on collision then
 depends neither on size nor on speed, only on D = α/√(2(p + 1)).
 """
@@ -37,8 +37,8 @@ from .kinds import USER_LAWS, Kind, own_memory
 
 ARMS = {"radius": 0, "overlap": LEVER}
 MEMORIES = {"slip": 0, "force": KEEPS_FORCE}
-# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap; and with
-# twisting the twist; 1 if it was at its cap
+# columns of `Contacts.rolling`: ψ; angle_i − angle_j at its commit; 1 if ψ was at its cap; with twisting, also the
+# twist, and 1 if it was at its cap
 COLUMNS, TWISTED = 7, 2
 TWISTINGS = "spring", "marshall"
 MODELS = {"constant": ("mu_roll", "gamma_roll"), "viscous": ("gamma_roll",), "spring": ("k_roll", "mu_roll")}
@@ -46,16 +46,16 @@ MODELS = {"constant": ("mu_roll", "gamma_roll"), "viscous": ("gamma_roll",), "sp
 
 @checked
 def with_lever(law: Law, arm: Annotated[str, one_of(*ARMS)]) -> Law:
-    """Law with other lever arms of the tangential force, T_i = −a_i n × F_t.
+    """Law with chosen lever arms of the tangential force, T_i = −a_i n × F_t.
 
-    The surfaces move relative to each other with v_t = P v − (a_i ω_i + a_j ω_j) × n. With a_i = R_i − δ/2 the arms of
+    The surfaces move relative to each other with v_t = P v − (a_i ω_i + a_j ω_j) × n. With a_i = R_i − δ/2, the arms of
     two grains add up to their distance, so that contacts conserve angular momentum, and two grains that rotate as one
     body do not slip.
 
     Parameters
     ----------
-    arm : "radius" (a_i = R_i, as in the papers and in LAMMPS `gran/hooke/history`) or "overlap" (a_i = R_i − δ/2 of
-        grains on grains, R_i at walls). LAMMPS `pair_style granular` uses R_i − δ/2 for torques but R_i for the slip,
+    arm : "radius" (a_i = R_i, as in the papers and in LAMMPS `gran/hooke/history`) or "overlap" (a_i = R_i − δ/2
+        between grains, R_i at walls). LAMMPS `pair_style granular` uses R_i − δ/2 for torques but R_i for the slip,
         and so does a run with `slip_update="rate"`
 
     Source
@@ -77,8 +77,8 @@ def with_memory(law: Law, of: Annotated[str, one_of(*MEMORIES)]) -> Law:
 
     With slip as memory, F_t = −k_t(δ) s changes with the overlap. With force as memory, dF_t = −k_t(δ) ds: a
     sticking contact keeps F_t as its overlap changes, and `Contacts.slip` holds −F_t/k_t. With `rescaled=True`, F_t
-    also shrinks with k_t where the overlap decreases. Under a built-in law whose k_t is constant both are the same, and
-    the law is returned unchanged.
+    also shrinks with k_t where the overlap decreases. Under a built-in law whose k_t is constant, both are the same,
+    and the law is returned unchanged.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def with_rolling(
     """Law with a moment that resists rolling, M_i = −M_j, perpendicular to the normal.
 
     Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is not resisted.
-    With P the Coulomb limit over μ (by default max(F_n, 0); zero if μ is zero):
+    P is the Coulomb limit divided by μ (by default max(F_n, 0); zero if μ is zero):
 
         constant  M = −min(γ R_eff² |ω|, μ_r R_eff P) ω/|ω|
         viscous   M = −γ P R_eff² ω
@@ -155,8 +155,8 @@ def with_twisting(
 ) -> Law:  # fmt: skip
     """Law with a moment along the normal that resists twisting.
 
-    The twist τ is the relative rotation about the normal since the contact closed, ω_n its rate; P as in
-    `with_rolling`, a the contact radius, and c_t the tangential dashpot:
+    The twist τ is the relative rotation about the normal since the contact closed, and ω_n is its rate; P is as in
+    `with_rolling`, a is the contact radius, and c_t is the tangential dashpot constant:
 
         spring    M = −k τ − γ ω_n, |k τ| and |M| ≤ μ_t P
         marshall  M = −½ k_t a² τ − ½ c_t a² ω_n, |½ k_t a² τ| and |M| ≤ ⅔ a μ P
@@ -229,19 +229,19 @@ def angular_columns(law: Law) -> int:
     return COLUMNS + twisted if resists_rolling(law) or law.properties & LEVER else 0
 
 
-HALVINGS = 60  # number of bisections of the interval in which D is sought; they reach round-off
+HALVINGS = 60  # number of bisections of the interval in which D is sought, enough to reach round-off
 _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 
 
 @checked
 def dashpot_coefficients(law: Law) -> np.ndarray:
-    """Coefficients that factors of the damping model convert to c_n and c_t, (materials, materials, 2).
+    """Coefficients that the factors of the damping model convert to c_n and c_t, (materials, materials, 2).
 
-    With coeff_restitution these are α = √5 D of Hertzian contacts and 2 D of linear ones. If the contact may attract
-    as it opens, ln e = −π D/√(1 − D²). With `tension=False` it opens where F_n = 0, and ln e is
-    −2 D arccos(D)/√(1 − D²), or −2 D arcosh(D)/√(D² − 1) beyond D = 1. Both are exact for k δ and k δ^{3/2}. With tsuji
-    α is a polynomial of e that was fitted to Hertzian contacts that may attract. With the other models these are
-    `damping_n` and `damping_t`.
+    With coeff_restitution, these are α = √5 D for Hertzian contacts and 2 D for linear ones. If the contact may attract
+    as it opens, ln e = −π D/√(1 − D²). With `tension=False`, it opens where F_n = 0, and ln e is
+    −2 D arccos(D)/√(1 − D²), or −2 D arcosh(D)/√(D² − 1) beyond D = 1. Both are exact for k δ and k δ^{3/2}. With
+    tsuji, α is a polynomial in e that was fitted to Hertzian contacts that may attract. With the other models, these
+    are `damping_n` and `damping_t`.
 
     Source
     ------

@@ -67,7 +67,7 @@ _ALLOWED_BUILTINS = (float, complex, int, bool, range, len)
 
 
 def _resolve_global(name: str, value, made: dict):
-    """Replacement of a global name used in a user-defined function."""
+    """Replacement for a global name used in a user-defined function."""
     if value is math:
         whole = types.ModuleType("math")
         for key, thing in vars(math).items():
@@ -184,11 +184,11 @@ def custom(
     normal_energy : ∫F_n dδ from the end of the range [energy]; by default computed by quadrature, which is exact for
         powers δ, δ^{3/2}, δ² … and accurate to a few digits for others; used by the energy ledger only
     update : new memory of a contact, from the previous memory, `overlap`, `r_eff` and parameters: a number, or a tuple
-    in the order of `memory`. A second update at the same overlap must leave it unchanged. Other functions receive the
-    memory after the update
+        in the order of `memory`. A second update at the same overlap must leave it unchanged. Other functions receive
+        the memory after the update
     parameters : values by name. kn, kt, mu, damping_n and damping_t exist in every law (1, 0, 0, 0, 0 unless given; mu
         is 1 if there is a `cap` that does not use it); others may be added
-    memory : values by name when a contact closes. All functions except the range may use these names as arguments
+    memory : values by name when a contact closes. All functions except `contact_range` may use these names as arguments
     bonds : True if a pair acts across a gap only after it has touched, until the gap exceeds the range
     coulomb, damping, tension : as in `hertz_mindlin`; dashpots act only where overlap > 0
     size : a grain radius for which the law is validated [length]
@@ -197,8 +197,8 @@ def custom(
     Raises
     ------
     ValueError
-        If a function has a wrong signature, is not finite or deterministic, or does not
-        accept complex numbers. A LawWarning reports a force that jumps at the end of the range.
+        If a function has a wrong signature, returns values that are not finite or not reproducible, or does not accept
+        complex numbers. A LawWarning reports a force that jumps at the end of the range.
 
     Source
     ------
@@ -242,7 +242,7 @@ def custom(
 
 
 def _parameter_values(parameters: dict, given: dict) -> dict:
-    """Parameters in the order of the table."""
+    """Values of all parameters, in the order of the law's table."""
     for name, value in parameters.items():
         if not (isinstance(name, str) and name.isidentifier()) or any(name in allowed for allowed in ROLES.values()):
             raise ValueError(
@@ -299,7 +299,7 @@ def _source_text(given: dict) -> str:
 
 @checked
 def from_file(path: str | Path, **parameters: float) -> Law:
-    """Contact law from a Python file with functions named after the arguments of `custom`, and a table `parameters`.
+    """Contact law from a Python file with functions named like the arguments of `custom`, and a dict `parameters`.
 
     The file is executed. It may also set `coulomb`, `damping`, `tension`, `memory`, `bonds` and `size`.
 

@@ -1,4 +1,4 @@
-"""Validation of new user-defined laws: evaluation on a grid of overlaps and radii in Python."""
+"""Validation of new user-defined laws: they are evaluated in Python on a grid of overlaps and radii."""
 
 import traceback
 import warnings
@@ -53,7 +53,7 @@ def validate_law(law: Law, size: float) -> Law:
 
 
 def _ranges(own: UserLaw, values: dict, size: float) -> list[float]:
-    """Ranges for two values of R_eff."""
+    """Contact ranges for two values of R_eff."""
     return [float(_evaluate(own, "contact_range", values, r_eff=r)) for r in (0.5 * size, size)]
 
 
@@ -70,7 +70,7 @@ def _test_overlaps(size: float, end: float) -> list[float]:
 
 
 def _memories(own: UserLaw, values: dict, size: float) -> list[dict]:
-    """Additional memories of contacts, for tests of other functions. An invalid update raises ValueError."""
+    """Additional memories of contacts, with which other functions are tested. An invalid update raises ValueError."""
     memories: list[dict] = []
     for overlap in size * np.array((0.0, 0.0137, 0.0973)):
         at = {"overlap": float(overlap), "r_eff": size}
