@@ -442,7 +442,7 @@ def _check_array(name: str, value, wanted: Array):
         raise ValueError(f"{name} contains NaN or infinity: give finite numbers")
     if wanted.ndim is not None and array.ndim not in wanted.ndim:
         allowed = " or ".join(map(str, wanted.ndim))
-        raise ValueError(f"{name} must have {allowed} dimensions, got {array.ndim}")
+        raise ValueError(f"{name} must be {allowed}-dimensional, got {array.ndim} dimensions")
     if wanted.shapes and array.shape not in wanted.shapes:
         raise ValueError(f"{name} must have shape {' or '.join(map(str, wanted.shapes))}, got {array.shape}")
     if not (array.size or wanted.empty):

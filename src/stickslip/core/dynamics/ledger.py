@@ -51,7 +51,7 @@ class Ledger(NamedTuple):
     # by bonds, whose loads derive from an energy only to first order in the rotations
     nonpotential: np.ndarray
     bonded: np.ndarray | float = 0.0  # (T,) stored in bonds
-    broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: their stored energy minus their work in half of that step
+    broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: stored energy minus their work in half of that step
 
     @property
     def defect(self) -> np.ndarray:
