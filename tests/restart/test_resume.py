@@ -193,7 +193,7 @@ def test_what_cannot_be_resumed_is_told_in_a_sentence(tmp_path, monkeypatch, cap
     (out / "scenario.json").write_text(harder)
     refused(out, "have changed since (scenario.json)")
     note.write_text(harder)
-    refused(out, "was computed for a scenario other than that of the folder, perhaps with another law")
+    refused(out, "contains parts of a run of a different scenario, perhaps with another law")
     note.write_text(text[:100])
     (out / "scenario.json").unlink()
     refused(out, "is not valid JSON")

@@ -113,7 +113,7 @@ def silent(stage: str, share: float, text: str) -> None:
 def within(
     report: Report, begin: float = 0.0, end: float = 1.0, *, stage: str | None = None, prefix: str = ""
 ) -> Report:
-    """Return a function that reports a part of a longer task.
+    """Return a function that reports the progress of a part as progress of a longer task.
 
     Parameters
     ----------

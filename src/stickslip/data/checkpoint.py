@@ -189,8 +189,8 @@ class Checkpoint(NamedTuple):
     def _check(self, about: dict) -> None:
         if about and about["scenario"] != self.scenario:
             raise ArchiveError(
-                f"{self.folder} was computed for a scenario other than that of the folder, perhaps with another law: "
-                "restore that scenario, or run the new one with --overwrite"
+                f"{self.folder} contains parts of a run of a different scenario, perhaps with another law: "
+                "restore the earlier scenario, or run the present one with --overwrite"
             )
         if about and about["stickslip"] != __version__:
             raise ArchiveError(

@@ -2,9 +2,9 @@
 
 Experiments list further files in `writes`. A file is written under a temporary name in the same folder, flushed to
 disk, and renamed. A file that does not match the manifest was written by another program: runs replace or remove it
-only with --overwrite. While a file is being replaced, the manifest lists both digests, so that a run that is killed at
-that moment leaves no unknown file. Only one process at a time works in a folder; the operating system releases the lock
-when the process ends.
+only with --overwrite. While a file is being replaced, the manifest lists the digests of the old and the new file, so
+that a run that is killed at that moment leaves no unknown file. Only one process at a time works in a folder; the
+operating system releases the lock when the process ends.
 """
 
 import errno

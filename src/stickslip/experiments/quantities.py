@@ -62,7 +62,7 @@ def median(values) -> float:
 class Quantity(NamedTuple):
     """One quantity of a subject, such as the damping ratio of a cycle.
 
-    Its value is a number, a text, or an array with an entry for each instant of a series. A dictionary {place: value}
+    Its value is a number, a string, or an array with an entry for each instant of a series. A dictionary {place: value}
     stands for values at several places, with names such as `damping@0.001`; None means that a subject does not have it.
     """
 

@@ -36,7 +36,7 @@ from .style import BLACK, BLUE, BOND, BROKEN, PURPLE, RED, WIDTH, label_axes, st
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
 NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
-SLABS = 32  # number of depth slabs of balls and pieces of lines, drawn from back to front
+SLABS = 32  # number of slabs by depth, drawn from back to front, of balls and pieces of lines
 PIECES = 6  # largest number of pieces of a contact line, each in its own slab
 SHINING = 2000  # number of grains up to which balls have a highlight, which would be invisible on smaller balls
 SHINE = (-0.35, 0.4, 0.3)  # position and size of the highlight on a ball, over its radius

@@ -72,7 +72,7 @@ def body_limits(place: np.ndarray, gap: float, share: float = ASIDE) -> np.ndarr
 
 
 def zoomed(box: np.ndarray, place: np.ndarray, zoom: Zoom) -> np.ndarray:
-    """(2, d) corners of an enlarged view: within the box, around the median position, or around the box if zoom < 1."""
+    """(2, d) corners of the view: around the median position but within the box; if zoom < 1, larger than the box."""
     if zoom == "all":
         return box
     half = 0.5 * (box[1] - box[0]) / zoom

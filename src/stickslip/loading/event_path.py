@@ -324,7 +324,7 @@ CALIBRATED = {SADDLE: (-1.0, 0.1, 1.4), PAIR: (-0.7, 0.4, 1.7), CONTACT: (-0.45,
 
 
 class Signs(NamedTuple):
-    """Series along a path since its last event, with strains that increase on every path."""
+    """Series along a path since its last event, with absolute values of strain, so that they never decrease."""
 
     strain: np.ndarray  # (S,)
     softest: np.ndarray  # (S,) smallest real eigenvalue [1/time²]

@@ -112,7 +112,7 @@ class Failure(NamedTuple):
     steps: tuple[PathStep, ...]
     pairs: tuple[PairLife, ...]
     onset: Change | None  # bracket of the birth of the first complex pair
-    decisive: tuple[DecisiveContact, ...]  # contacts of the last state on which its growth depends most
+    decisive: tuple[DecisiveContact, ...]  # contacts on which the growth rate in the last state depends most
     verdict: str  # verdict on the last state
     reason: str  # reason why the path ended
 

@@ -77,7 +77,9 @@ def claim(
     paper, measured, reference = to_builtin(paper), to_builtin(measured), to_builtin(reference)
     error = None if error is None or not math.isfinite(error) else float(error)
     if not source.partition(":")[2].strip():
-        raise ValueError(f"{id}: a source must be 'PLACE: words', a place in the paper and its words, got {source!r}")
+        raise ValueError(
+            f"{id}: a source must be 'PLACE: words', a place in the paper and the words there, got {source!r}"
+        )
     if (reference is None) == bool(reference_source):
         raise ValueError(f"{id}: give reference and reference_source together, or neither")
     word = verdict(paper, measured, tolerance, error, quantifier)
@@ -124,9 +126,9 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     no reference
         The paper prints nothing to compare with, even if another reference is given.
 
-    A tolerance below 0.5 is a fraction of the paper's number. From 0.5 upwards, it is a factor of 1 + tolerance in both
-    directions. If the paper prints zero, the tolerance is absolute. Twice the tolerance is twice the fraction, or a
-    factor of 1 + 2 tolerance.
+    A tolerance below 0.5 is a fraction of the paper's number. From 0.5 upwards, it allows a factor of 1 + tolerance in
+    either direction. If the paper prints zero, the tolerance is absolute. Twice the tolerance is twice the fraction, or
+    a factor of 1 + 2 tolerance.
 
     Raises
     ------

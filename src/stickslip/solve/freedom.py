@@ -170,8 +170,8 @@ def jacobian(state: State, law: Law, free: Freedom | None = None, *, memory: int
     """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode or, with FREE, in that of its trial memory.
 
     The force on a free component of the cell is Σ f_a r_b − V σ_ab. In addition to the change in f, its row of J
-    contains f_a δ_b from the change in r and −V σ_ab δ_cd from the change in volume. If `free` is None, the coordinates
-    are those of `freedom(state)`.
+    contains f_a ∂r_b/∂q and, in the column of a strain ε_cd, −V σ_ab δ_cd from the change in volume. If `free` is
+    None, the coordinates are those of `freedom(state)`.
 
     Examples
     --------

@@ -85,8 +85,8 @@ def _resolve_global(name: str, value, made: dict):
     if isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
         return value
     raise ValueError(
-        f"a contact law uses {name!r}, a {type(value).__name__}: only numbers, functions, math and numpy are allowed; "
-        f"{HELP}"
+        f"a contact law uses {name!r} of type {type(value).__name__}: only numbers, functions, math and numpy are "
+        f"allowed; {HELP}"
     )
 
 

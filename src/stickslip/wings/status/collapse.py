@@ -260,7 +260,7 @@ def displacements(before: State, after: State) -> np.ndarray:
 
 
 def without_drift(state: State, moved: np.ndarray) -> np.ndarray:
-    """Return displacements (B, 6): zero for rattlers; along unsupported axes, the mean of other bodies is removed."""
+    """Return displacements (B, 6): zero for rattlers; along unsupported axes, relative to the mean of other bodies."""
     held = _held_bodies(state)
     moved = moved * held[:, None]
     if not len(state.walls.mass) and held.any():

@@ -199,7 +199,7 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
             ) from None
         if not start < stop <= end:
             raise ValueError(
-                f"--velocity: a leg ends at {stop:g} s: it must end after {start:g} s, and the record ends at {end:g} s"
+                f"--velocity: a leg ends at {stop:g} s: it must end after {start:g} s and within the {end:g} s recorded"
             )
         legs.append(LoadStep(stop - start, velocity))
         start = stop

@@ -164,7 +164,7 @@ class ElementSample(ScenarioTable):
 
     @property
     def area(self) -> float:
-        """Mean diameter to the power dim − 1; pressure times this area scales contact forces [length^(dim−1)]."""
+        """Mean diameter to the power dim − 1; pressure times this area is the scale of forces [length^(dim−1)]."""
         return float(self.diameters.mean()) ** (self.dim - 1)
 
     @property
