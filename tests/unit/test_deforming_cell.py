@@ -74,3 +74,13 @@ def test_walls_that_follow_a_course_bear_grains_as_walls_at_its_rate_do(factors)
     for name in ("position", "velocity", "spin"):
         ours, other = getattr(followed.grains, name), getattr(plain.grains, name)
         np.testing.assert_allclose(ours, other, rtol=1e-9, atol=1e-13)
+
+
+def test_a_cell_that_still_deforms_without_stress_is_not_at_rest():
+    control = ss.control.stress_controlled(ss.control.loads(2), {"yy": 0.0})
+    grains, box = ss.disks([[0.0, 0.0], [3.0, 3.0]], 0.5), ss.box([6.4, 6.4, 1.0], [True, True, False], 2)
+    state = ss.assembly(grains, cell=box._replace(rate=np.diag([0.0, -0.01, 0.0])), control=control)
+    end, _, outcome = ss.run(state, ss.laws.linear(), 5000, 0.1, drag=0.1, tolerance=1e-6)
+    assert outcome.ok
+    assert end.cell.rate[1, 1] == pytest.approx(-0.01 * np.exp(-0.1 * end.time), rel=0.01)
+    assert end.time > 50
