@@ -69,7 +69,7 @@ def tangential_stiffness(overlap, r_eff, kt):
 STEPS = {  # file: text, and the text that comes before it
     "src/stickslip/builtin_laws.py": (")  # fmt: skip\nBY_NAME", ENTRY),
     "src/stickslip/_core/normal_laws.cpp": ("enum Member", FORMULA),
-    "src/stickslip/core/laws/builtin.py": ("# by name: each built-in law", CONSTRUCTOR),
+    "src/stickslip/core/laws/builtin.py": ("CONSTRUCTORS: dict", CONSTRUCTOR),
     "src/stickslip/laws.pyi": (
         "from .core.laws.builtin import walton_braun", "from .core.laws.builtin import stiffening as stiffening\n",
     ),
