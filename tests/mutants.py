@@ -237,13 +237,15 @@ def main() -> None:
     chosen = [mutant for mutant in read() if given.room in (None, mutant.room)]
     for mutant in chosen:
         mutant.line(ROOT)
+    known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
     if given.check:
+        if stray := sorted(known.keys() - {mutant.name for mutant in read()}):
+            raise ValueError(f"{RESULTS.name} has results of faults that are not in the list: {stray[0]}")
         return print(f"all {len(chosen)} faults apply")
     if given.sample:
         chosen = random.Random(given.seed).sample(chosen, min(given.sample, len(chosen)))
     if given.record:
         record()
-    known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
     left = [mutant for mutant in chosen if not (given.missing and known.get(mutant.name))]
     tests = {mutant: tests_of(mutant) for mutant in left}
     left.sort(key=lambda one: sum(1 if "::" in name else MANY for names in tests[one] for name in names))
