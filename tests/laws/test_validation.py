@@ -53,7 +53,7 @@ def uses_a_list(overlap):
         ({"normal_force": random}, "a law must be deterministic"),
         ({"normal_force": branches_on_complex}, r"line \d+: 'return kn \* overlap if overlap > 0.01.*overlap.real"),
         ({"normal_force": modulus}, "by a complex step and"),
-        ({"normal_force": uses_a_list}, "'TABLE', a list"),
+        ({"normal_force": uses_a_list}, "'TABLE' of type list"),
         ({"normal_force": lambda overlap: nowhere * overlap}, "'nowhere', which is not defined"),  # noqa: F821
         ({"normal_force": lambda overlap: overlap.speed}, "cannot be evaluated, line"),
         ({"normal_force": hertz, "tangential_stiffness": lambda overlap: -1.0}, "must not be negative"),
