@@ -56,9 +56,9 @@ def two_panels():
 
 
 def settings():
-    """Settings of matplotlib, and its backend as it is: asking for it might choose one."""
-    keep = {name: matplotlib.rcParams._get(name) for name in matplotlib.rcParams}
-    return keep, plt.get_fignums(), plt.get_backend()
+    """Settings of matplotlib and its backend, which is chosen first if there is none: it is a setting as well."""
+    backend = plt.get_backend()
+    return backend, plt.get_fignums(), {name: matplotlib.rcParams._get(name) for name in matplotlib.rcParams}
 
 
 @pytest.mark.parametrize("backend", ["svg", "agg", "module://matplotlib_inline.backend_inline"])
