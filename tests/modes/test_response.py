@@ -309,6 +309,7 @@ def test_the_slip_at_a_wall_does_not_turn_it():
     state = ss.packings.disk_array(4, press=5e-5)
     for contact in range(int(state.contacts.count[0])):
         assert not ss.modes.contact_slip(state, contact)[:, 4:, 3:].any()
+    np.testing.assert_array_equal(ss.modes.contact_slip(state, True), ss.modes.contact_slip(state, 1))
 
 
 def test_a_pulse_of_a_pinned_grain_also_drives_others_by_its_velocity(packing):

@@ -377,6 +377,7 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
     contact : row of the contact list, see `measure.touching`
     """
     require_index(int(state.contacts.count[0]), contact=contact)
+    contact = int(contact)  # True is 1
     normal = branch_vectors(state)[contact]
     normal = normal / np.linalg.norm(normal)
     if state.cell.dim == 2:
