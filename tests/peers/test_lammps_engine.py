@@ -625,7 +625,9 @@ def test_a_folder_written_for_a_queue_is_read_back(peer, tmp_path):
     flow_lammps.export(scenario, tmp_path)
     with pytest.raises(ScenarioError, match=r"LAMMPS has not run in .*leg-01: let it finish there first"):
         ss.simulate(scenario, folder=tmp_path)
-    lmp = process.which("lmp", path=os.path.dirname(sys.executable))
+    lmp = process.which("lmp", path=os.path.dirname(sys.executable)) or process.which("lmp")
+    if lmp is None:
+        pytest.skip("the executable of LAMMPS is absent")
     done = subprocess.run(
         ["sh", "run.sh", lmp], cwd=tmp_path, capture_output=True, text=True, env=process._environment()
     )
