@@ -308,8 +308,9 @@ def test_no_pattern_and_no_noise_are_named(packing):
 def test_the_slip_at_a_wall_does_not_turn_it():
     law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0), 0, 1)
     state, _ = ss.relax(ss.packings.disk_array(4, press=5e-5), law)
-    assert len(rows := ss.measure.touching(state)) > 3
-    for contact in rows:
+    touching = ss.measure.touching(state)
+    assert len(touching) > 3
+    for contact in touching:
         assert not ss.modes.contact_slip(state, contact)[:, 4:, 3:].any()
     np.testing.assert_array_equal(ss.modes.contact_slip(state, True), ss.modes.contact_slip(state, 1))
 
