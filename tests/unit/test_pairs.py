@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy import sparse
 from scipy.linalg import eigvals
 
 import stickslip as ss
@@ -79,7 +80,7 @@ def test_small_systems_go_to_lapack_directly(packing):
 def test_strong_skew_coupling_goes_to_lapack(packing, monkeypatch):
     state, full = packing
     monkeypatch.setattr(module, "WEAK", 0.0)
-    monkeypatch.setattr(module, "_refine_clusters", None)  # would fail if it were called
+    monkeypatch.setattr(module, "_refine", None)  # would fail if it were called
     assert_same(complex_pairs(state, LAW, dense_below=0), full)
 
 
@@ -167,9 +168,35 @@ def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):
     vector = full.modes[:, full.pair_indices[0]] * np.sqrt(full.free.mass)
     scale = np.abs(full.eigenvalues).max()
     rough = np.stack([vector.real, vector.imag], axis=1) + 1e-5 * np.random.default_rng(0).normal(size=(len(vector), 2))
-    planes = module._search_by_arnoldi(matrix, np.linalg.qr(rough)[0], scale)
-    rows = [np.linalg.eigvals(plane.T @ (matrix @ plane)) for plane in planes]
-    assert min(np.abs(values - full.pairs[0]).min() for values in rows) < 1e-12 * scale
+    cluster = module.Cluster(None, rough, full.pairs[:1])
+    found = module._search_by_arnoldi(matrix, module._disc_of_subspace(matrix, rough, cluster), scale)
+    values = np.linalg.eigvals(found.T @ (matrix @ found))
+    assert np.abs(values - full.pairs[0]).min() < 1e-12 * scale
+
+
+def coupled_modes(size, width, strength, seed):
+    """Modes that are weakly coupled, and a pair that two mixtures of about 2·`width` of them form."""
+    rng = np.random.default_rng(seed)
+    own = np.sort(rng.uniform(0.1, 1.0, size))
+    near = np.exp(-(((np.arange(size) - size / 2) / width) ** 2) / 2)
+    u, v = np.linalg.qr((rng.normal(size=(2, size)) * near).T)[0].T
+    weak = rng.normal(size=(size, size)) * 2e-4
+    skew = (weak - weak.T) / 2 + strength * (np.outer(u, v) - np.outer(v, u))
+    return sparse.csr_array(np.diag(own) + skew)
+
+
+@pytest.mark.parametrize(("strong", "strength"), [(module.STRONG, 0.15), (module.STRONG, 0.2), (np.inf, 0.15)])
+def test_a_pair_of_many_modes_is_not_missed(monkeypatch, strong, strength):
+    """Windows contain only parts of its modes, and their estimates of λ are far off."""
+    monkeypatch.setattr(module, "STRONG", strong)
+    free = freedom(make_packing(3, n=100, wall=False))
+    matrix = coupled_modes(len(free), 120, strength, seed=0)
+    pairs = module.find_pairs(free, lambda _: matrix, False, silent, dense_below=0)
+    values = eigvals(matrix.toarray())
+    expected = values[values.imag > 1e-9]
+    assert len(pairs.eigenvalues) == len(expected) > 0
+    assert np.abs(pairs.eigenvalues[:, None] - expected).min(axis=0).max() < 1e-12
+    assert pairs.residual.max() < 1e-12
 
 
 def test_too_many_coordinates_name_the_other_method(disks, monkeypatch):

@@ -29,7 +29,11 @@ WINDOW, HALO = 40, 40
 # assumed errors of windows: NEAR_PAIR times the largest |λ|, and MIXED · mixing² times the half-width; the largest
 # factors found were 1e-6 (1000 spheres) and 0.1 (150 spheres)
 NEAR_PAIR, MIXED = 5e-6, 0.2
-WEAK = 0.3  # largest first-order fraction of outer modes in a window mode for which second order is trusted
+# largest first-order fraction of outer modes in a window mode for which second order is trusted: above it, a mode may
+# extend over so many windows that its pair is far from all estimates
+WEAK = 0.05
+TOGETHER = 4  # number of neighbouring windows above WEAK that share a factor
+STRONG = 0.4  # fraction of eigenvalues computed for windows above WEAK beyond which LAPACK takes less time
 CLUSTER = 0.3  # |E_ij/(d_j − d_i)| above which a similarity pass leaves two modes coupled
 WORK = 40.0  # time of a certificate over that of n³ operations in a matrix product; measured values are 38 to 44
 SIMILAR = 1e-8  # a pass with W leaves W², which is then below round-off
@@ -126,17 +130,24 @@ def regularise_gaps(gap: np.ndarray, scale: float) -> np.ndarray:
     return np.where(np.abs(gap) < least, least, gap)
 
 
-def find_candidates(basis: Basis, report: Report) -> list[Cluster] | None:
-    """Clusters that are or may be pairs; None if K is too strong for windows."""
+class Disc(NamedTuple):
+    """Disc of the complex plane in which all pairs are searched for by Arnoldi's method."""
+
+    centre: float  # [1/time²]
+    radius: float  # [1/time²]
+    count: int  # approximate number of eigenvalues
+    start: np.ndarray  # (n,) first vector
+
+
+def find_candidates(basis: Basis, report: Report) -> tuple[list[Cluster], list[Disc]] | None:
+    """Clusters that are or may be pairs, and discs of windows above WEAK; None if K is too strong for windows."""
     report(STAGE, 0.65, "windows")
-    clusters = []
+    clusters, mixed, tallest = [], [], 0.0
     # an eigenvalue near the border of two windows is found in both; duplicates are removed after refinement
     margin = 10 * NEAR_PAIR * basis.scale
     n, sorted_diagonal = len(basis.diagonal), np.sort(basis.diagonal)
     for first in range(0, n, WINDOW):
         window = build_window(basis, first)
-        if window.mixing > WEAK:
-            return None
         left = sorted_diagonal[first - 1 : first + 1].mean() - margin if first else -np.inf
         end = first + WINDOW
         right = sorted_diagonal[end - 1 : end + 1].mean() + margin if end < n else np.inf
@@ -144,6 +155,12 @@ def find_candidates(basis: Basis, report: Report) -> list[Cluster] | None:
             values, vectors = eig(np.linalg.solve(window.N, window.M))
         order = np.lexsort((values.imag, values.real))
         values, vectors = values[order] + window.centre, vectors[:, order]
+        if window.mixing > WEAK:
+            mixed.append(first)
+            tallest = max(tallest, values.imag.max())
+            if len(mixed) * WINDOW > STRONG * n:
+                return None
+            continue
         near = NEAR_PAIR * basis.scale + MIXED * window.mixing**2 * np.ptp(basis.diagonal[window.inside]) / 2
         for members in _find_suspects(values, vectors, near):
             if left <= values[members].real.mean() <= right:
@@ -152,7 +169,24 @@ def find_candidates(basis: Basis, report: Report) -> list[Cluster] | None:
                 part = basis.vectors[:, window.inside]
                 mine = values[members]
                 clusters.append(Cluster(window, part.astype(float, copy=False) @ small, mine[mine.imag > 0]))
-    return clusters
+    discs = _discs_of_windows(basis, mixed, margin, 2 * tallest)
+    return (clusters, discs) if sum(disc.count for disc in discs) <= STRONG * n else None
+
+
+def _discs_of_windows(basis: Basis, windows: list[int], margin: float, height: float) -> list[Disc]:
+    """Discs that contain all pairs of windows with an Im λ of up to `height`, for up to TOGETHER neighbours each."""
+    if not windows:
+        return []
+    discs, ordered = [], np.sort(basis.diagonal)
+    for run in np.split(windows, np.flatnonzero(np.diff(windows) > WINDOW) + 1):
+        for part in np.split(run, range(TOGETHER, len(run), TOGETHER)):
+            modes = slice(max(0, part[0] - 1), part[-1] + WINDOW + 1)
+            left, right = ordered[modes][[0, -1]]
+            centre, half = (left + right) / 2, (right - left) / 2 + margin
+            radius = np.hypot(half, max(half / 2, height))
+            count = int((np.abs(ordered - centre) < radius).sum())
+            discs.append(Disc(centre, radius, count, basis.vectors[:, modes].sum(axis=1, dtype=float)))
+    return discs
 
 
 def _find_suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list[np.ndarray]:
@@ -325,7 +359,8 @@ def complex_pairs(
     nearly degenerate modes of S by more than their separation. S is diagonalised in single precision. Windows of its
     modes are coupled by K in double precision; modes outside a window enter to second order. Pairs, and eigenvalues
     that may form a pair, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of the largest |λ|.
-    Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
+    Windows whose modes mix too much with outer modes are searched by Arnoldi's method. Dense LAPACK is used where there
+    are many such windows (sliding contacts) and for small systems.
 
     Parameters
     ----------
@@ -371,18 +406,18 @@ def find_pairs(
     # a row of zeros gives a zero eigenvalue, and its coordinate does not move in any other mode
     held = np.flatnonzero(abs(matrix).sum(axis=1))
     matrix = matrix[held][:, held]
-    basis, clusters = None, None
+    basis, candidates = None, None
     if len(held) >= dense_below:
         basis = symmetric_basis(matrix, np.float64 if certificate else np.float32, report)
-        clusters = find_candidates(basis, report)
-    if clusters is None:  # small, or K too strong
+        candidates = find_candidates(basis, report)
+    if candidates is None:  # small, or K too strong
         report(STAGE, 0.7, "dense eigenvalues")
         with suitable_threads(len(held)):
             values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
         scale, upper = float(np.abs(values).max(initial=0.0)), values.imag > 0
         values, vectors = values[upper], vectors[:, upper]
     else:
-        values, vectors, scale = _refine_clusters(matrix, basis, clusters, report)
+        values, vectors, scale = _refine(matrix, basis, *candidates, report)
     order = np.argsort(-np.abs(np.sqrt(values).imag))
     order = order[values.imag[order] > REAL_BELOW * scale]
     values, vectors = values[order], vectors[:, order]
@@ -394,13 +429,15 @@ def find_pairs(
     return ComplexPairs(values, modes, residual, free, certified)
 
 
-def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], report: Report, sweeps: int = 20):
-    """Eigenvalues with Im λ > 0 and unit eigenvectors of all clusters, without duplicates, and the largest |λ|.
+def _refine(matrix, basis: Basis, clusters: list[Cluster], discs: list[Disc], report: Report, sweeps: int = 20):
+    """Eigenvalues with Im λ > 0 and unit eigenvectors of clusters and discs, without duplicates, and the largest |λ|.
 
     Every sweep computes the residual R = AX − XB of each invariant subspace X and removes the error in X by applying
     an approximate inverse of A − σ in the modes of S. This takes two large matrix products for all clusters together,
     instead of one sparse factor for each.
     """
+    report(STAGE, 0.7, f"Arnoldi's method in {len(discs)} intervals")
+    found = [_search_by_arnoldi(matrix, disc, basis.scale) for disc in discs]
     report(STAGE, 0.8, f"refining {len(clusters)} candidates")
     subspaces = [qr(cluster.vectors, mode="economic")[0] for cluster in clusters]
     single = np.float32  # a correction needs only a few digits
@@ -428,15 +465,17 @@ def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], report: Repo
             )
         for k, change in zip(active, np.split(V @ inner.astype(single), ends, axis=1), strict=True):
             subspaces[k] = qr(subspaces[k] - change, mode="economic")[0]
-    good = [subspace for subspace, size in zip(subspaces, last, strict=True) if size <= ENOUGH]
+    good = found + [subspace for subspace, size in zip(subspaces, last, strict=True) if size <= ENOUGH]
     for k in np.flatnonzero(last > ENOUGH):
-        good += _search_by_arnoldi(matrix, subspaces[k], basis.scale)
+        disc = _disc_of_subspace(matrix, subspaces[k], clusters[k])
+        good.append(_search_by_arnoldi(matrix, disc, basis.scale))
     values, vectors = _extract_pairs(matrix, good, basis.scale)
     report(STAGE, 0.82, "comparing with the pairs found by the windows")
     lost = [clusters[k] for k in _unmatched_clusters(values, clusters, 2 * NEAR_PAIR * basis.scale)]
     if lost:  # refinement converged to a neighbour of the pair that it started from
         for cluster in lost:
-            good += _search_by_arnoldi(matrix, qr(cluster.vectors, mode="economic")[0], basis.scale)
+            disc = _disc_of_subspace(matrix, qr(cluster.vectors, mode="economic")[0], cluster)
+            good.append(_search_by_arnoldi(matrix, disc, basis.scale))
         values, vectors = _extract_pairs(matrix, good, basis.scale)
     return values, vectors, basis.scale
 
@@ -507,25 +546,44 @@ def _real_matmul(K: np.ndarray, z: np.ndarray) -> np.ndarray:
     return product[:, 0] + 1j * product[:, 1]
 
 
-def _search_by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
-    """Invariant planes of all pairs among the eigenvalues nearest to those of a subspace, by shift and invert.
+def _disc_of_subspace(matrix, subspace: np.ndarray, cluster: Cluster) -> Disc:
+    """Disc around the eigenvalues of a subspace that reaches twice as far as the pairs that the window expected."""
+    centre = np.trace(_subspace_residual(matrix, subspace)[1]) / subspace.shape[1]
+    radius = 2 * np.abs(cluster.expected - centre).max(initial=0.0)
+    return Disc(centre, radius, subspace.shape[1] + NEIGHBOURS, subspace.sum(axis=1))
+
+
+def _search_by_arnoldi(matrix, disc: Disc, scale: float) -> np.ndarray:
+    """Real invariant subspace of all eigenvalues in a disc, and of some others near it, by shift and invert.
 
     Raises
     ------
     LinAlgError
         If Arnoldi's method does not converge.
     """
-    # a shift close to the eigenvalues, but not equal to one
-    shift = np.trace(_subspace_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale
-    solve = factorised(sparse.csr_array(matrix - shift * sparse.eye_array(len(subspace))))
+    shift = disc.centre + 1e-9 * scale  # not equal to an eigenvalue
+    shifted = sparse.csr_array(matrix - shift * sparse.eye_array(matrix.shape[0]))
+    solve = factorised(shifted)
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
-    count = min(subspace.shape[1] + NEIGHBOURS, matrix.shape[0] - 2)
-    try:
-        values, vectors = eigs(matrix, k=count, sigma=shift, OPinv=inverse, v0=subspace.sum(axis=1))
-    except ArpackNoConvergence:
-        raise LinAlgError(f"the pair near λ = {shift:.6g} could not be refined: use `spectrum`") from None
-    pairs = np.flatnonzero(values.imag > 0.1 * REAL_BELOW * scale)
-    return [qr(np.stack([vectors[:, k].real, vectors[:, k].imag], axis=1), mode="economic")[0] for k in pairs]
+    count, most = disc.count + 5, matrix.shape[0] - 2
+    while True:
+        count = min(count, most)
+        try:
+            values, vectors = eigs(matrix, k=count, sigma=shift, OPinv=inverse, v0=disc.start)
+        except ArpackNoConvergence:
+            raise LinAlgError(f"the pairs near λ = {shift:.6g} could not be found: use `spectrum`") from None
+        reached = np.abs(values - disc.centre).max()
+        if reached > disc.radius or count == most:
+            break
+        # eigenvalues are about equally dense along the real axis
+        count = int(count * max(1.1, 1.1 * disc.radius / reached))
+    subspace = qr(np.hstack([vectors[:, values.imag >= 0].real, vectors[:, values.imag > 0].imag]), mode="economic")[0]
+    # one step of inverse iteration of Schur vectors removes the round-off in modes far from the disc
+    T, Z = schur(_subspace_residual(matrix, subspace)[1])
+    right, better = subspace @ Z, np.zeros_like(subspace)
+    for _ in range(2):  # the factor has lost some digits to pivots near the diagonal
+        better += np.stack([solve(x) for x in (right - shifted @ better).T], axis=1)
+    return qr(better @ (T - shift * np.eye(len(T))), mode="economic")[0]
 
 
 def _extract_pairs(matrix, subspaces: list[np.ndarray], scale: float):
