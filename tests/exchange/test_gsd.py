@@ -246,7 +246,7 @@ def test_a_small_file_does_not_fill_the_memory(of, tmp_path):
         index["rows"][1:many], index["at"][1:many] = index["rows"][1], index["at"][1]
         content.tofile(path)
     what = {"frames": "particles", "chunks": "frame 0"}.get(of, of)
-    with pytest.raises(ss.packings.PackingError, match=f"its {what} would need more than"):
+    with pytest.raises(ss.packings.PackingError, match=f"up to its {what} it would need more than"):
         ss.io.read_packings(path, law=SHARP)
 
 

@@ -175,7 +175,7 @@ def test_ten_thousand_mutated_matlab_files(tmp_path):
 def test_a_budget_is_that_of_a_file_and_not_of_an_array():
     budget = Budget("a", 100, remedy="copy it again")
     budget.take(LARGE // 2)
-    with pytest.raises(ValueError, match=r"a has 0\.0001 MB, but its content with its b would need"):
+    with pytest.raises(ValueError, match=r"a has 0\.0001 MB, but up to its b it would need"):
         budget.take(LARGE // 2 + 1, "b")
 
 

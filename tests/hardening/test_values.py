@@ -108,7 +108,7 @@ def test_an_archive_that_claims_far_more_than_it_holds_is_not_read(tmp_path):
         file.flush()
         image = file.id.get_file_image()
     (tmp_path / "a.h5").write_bytes(archive._checksum_block(image) + image)
-    with pytest.raises(archive.ArchiveError, match=r"its content with its /x would need more than 67.1 MB"):
+    with pytest.raises(archive.ArchiveError, match=r"up to its /x it would need more than 67.1 MB"):
         archive.read(tmp_path / "a.h5")
 
 

@@ -265,7 +265,7 @@ def _refuse(name: str, value: np.ndarray, field: Field, low, high) -> None:
     shown = "NaN" if got != got else f"{got:g}"
     if field.dtype is not np.float64:
         shown = str(got)
-        allowed = f"between {low} and {high}" if high < LARGEST else f"at least {low}"
+        allowed = str(low) if low == high else f"between {low} and {high}" if high < LARGEST else f"at least {low}"
     else:
         sign = "positive and " if low > 0 else "zero or positive and " if low == 0 else ""
         allowed = (

@@ -94,7 +94,7 @@ class Budget:
         """Count bytes that are about to be allocated; raise `error` if there are too many."""
         if not 0 <= size <= self.left:
             raise self.error(
-                f"{self.path} has {self.stored / 1e6:.3g} MB, but its content with its {what} would need more than "
+                f"{self.path} has {self.stored / 1e6:.3g} MB, but up to its {what} it would need more than "
                 f"{self.most / 1e6:.3g} MB, 100 times the file size or 64 MiB: it is damaged; {self.remedy}"
             )
         self.left -= size

@@ -10,7 +10,6 @@ from ..core.contacts.forces import forces
 from ..core.contacts.neighbors import body_positions
 from ..core.control import force_controlled, spring_loaded, stress_controlled
 from ..core.dynamics.run import run, stable_time_step
-from ..core.fields import LARGEST
 from ..core.laws.builtin import Law, hertz_mindlin, linear
 from ..core.measure import coordination, packing_fraction, volume
 from ..core.measure import pressure as pressure_of
@@ -238,7 +237,7 @@ def biaxial_box(
     radius: Values = (0.4, 0.6),
     density: Positive = 4 / np.pi,
     seed: Seed = 0,
-    tolerance: float = 1e-9,
+    tolerance: Positive = 1e-9,
 ) -> tuple[State, Law]:
     """Frictional disks at rest in a box, compressed by two walls under constant forces.
 
@@ -261,6 +260,8 @@ def biaxial_box(
 
     Raises
     ------
+    ValueError
+        If the pressure is too large for these grains, or so small that round-off exceeds the tolerance.
     NotInEquilibriumError
         If the packing does not come to rest.
 
@@ -276,7 +277,7 @@ def biaxial_box(
     (30, 4)
     """
     sizes, scales = _sizes(n, radius, density, kn)
-    law = _contact_law(kn, kt, mu, pressure, scales)
+    law = _contact_law(kn, kt, mu, pressure, tolerance, scales)
     position, side = _jammed_positions(sizes, scales.length, seed)
     room = float(sizes.max())
     grains = disks(LOOSENED * np.mod(position, side) + room, sizes, mass=density * np.pi * sizes**2)
@@ -295,14 +296,14 @@ def biaxial_box(
 @checked
 def sheared_box(
     n: int = 100, *, pressure: float = 1e-4, kn: Positive = 1.0, kt: float = 0.5, mu: float = 0.5,
-    radius: Values = (0.4, 0.6), density: Positive = 4 / np.pi, seed: Seed = 0, tolerance: float = 1e-9,
+    radius: Values = (0.4, 0.6), density: Positive = 4 / np.pi, seed: Seed = 0, tolerance: Positive = 1e-9,
 ) -> tuple[State, Law]:  # fmt: skip
     """Frictional disks at rest under a prescribed pressure in a periodic cell with free strains xx, yy and xy.
 
     Arguments, law and errors are those of `biaxial_box`.
     """
     sizes, scales = _sizes(n, radius, density, kn)
-    law = _contact_law(kn, kt, mu, pressure, scales)
+    law = _contact_law(kn, kt, mu, pressure, tolerance, scales)
     position, side = _jammed_positions(sizes, scales.length, seed)
     grains = disks(1.02 * position, sizes, mass=density * np.pi * sizes**2)
     control = stress_controlled(loads(n), {"xx": pressure, "yy": pressure, "xy": 0.0})
@@ -358,9 +359,16 @@ def settle(state: State, law: Law, tolerance: float, time: float = 1.0) -> State
     return state
 
 
-def _contact_law(kn: float, kt: float, mu: float, pressure: float, scales: _Scales) -> Law:
-    if not kn / LARGEST < pressure <= SOFT * kn:
+def _contact_law(kn: float, kt: float, mu: float, pressure: float, tolerance: float, scales: _Scales) -> Law:
+    if not 0 < pressure <= SOFT * kn:
         raise ValueError(f"pressure must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}, got {pressure}")
+    round_off = float(np.finfo(float).eps) * kn  # of the force of a contact, over the length
+    if not tolerance * pressure >= round_off:
+        raise ValueError(
+            f"forces cannot balance to {tolerance:g} of a pressure of {pressure:g} with kn = {kn:g}, because their "
+            f"round-off is larger: use a pressure of at least {round_off / tolerance:.2g}, a smaller kn, or a larger "
+            "tolerance"
+        )
     rate = 0.2 / scales.time
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=rate, damping_t=rate)
 

@@ -412,6 +412,8 @@ def test_legs_that_change_more_than_loads_are_refused(boxed):
         biaxial_box(30, pressure=-1e-4)
     with pytest.raises(ValueError, match=r"pressure must be above 0 and at most 0\.01 kn = 0\.01, got 0\.011"):
         biaxial_box(30, pressure=0.011)
+    with pytest.raises(ValueError, match=r"their round-off is larger: use a pressure of at least 4\.8e\+02, a smaller"):
+        sheared_box(30, kn=2.0**31)
     sliding = ss.laws.linear(1.0, 0.0, 0.5, coulomb="sharp")
     with pytest.raises(ValueError, match="kt must be positive"):
         load_path(state, sliding, state.control)
