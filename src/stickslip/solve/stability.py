@@ -399,9 +399,8 @@ def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, re
         return matrix if len(whole) == len(free) else here.dynamical_matrix(whole)  # includes rattlers
 
     search = find_pairs(whole, matrix_of, certify, report)
-    scope = "all complex pairs that floating point can resolve"
-    if certify:
-        scope = f"{scope}; certificate: {search.certified}"
+    complete = f"certificate: {search.certified}" if certify else "that all others were found was not proved"
+    scope = f"pairs within round-off of the real axis; {complete}"
     negative, zero, vectors = soft_modes(matrix)
     index = np.searchsorted(whole.component, free.component)
     return (
