@@ -9,6 +9,8 @@ stored as a hash; text after `<!-- written by python -m benchmarks NAME -->` is 
     python -m benchmarks.records --rerun 10m     # measure again, cheapest first, as many as fit into ten minutes
     python -m benchmarks.records --write         # only write the numbers into the pages
     python -m benchmarks.records --transcribed NAME   # text measured by NAME now has the numbers of the stored run
+    python -m benchmarks.records --ran NAME           # the `stickslip` command of NAME has run on this code, and the
+                                                      # pages have its numbers
 """
 
 import argparse
@@ -233,6 +235,15 @@ def transcribed(name: str, root: Path = ROOT) -> Path:
     return _save(folder(root) / f"{name}.json", record | {"values": record["values"] | texts(name, root)})
 
 
+def ran(name: str, root: Path = ROOT) -> Path:
+    """Give page text measured by a `stickslip` command, which does not store its runs, the date and code of now."""
+    record = read(root)[name]
+    if not record["command"].startswith("stickslip "):
+        raise ValueError(f"`{record['command']}` stores its runs: use --store, then --transcribed {name}")
+    store(name, record["command"], record["rooms"], {}, record["seconds"], root=root)
+    return transcribed(name, root)
+
+
 def _save(path: Path, record: dict) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -401,10 +412,15 @@ def main() -> None:
     parser.add_argument("--rerun", metavar="TIME", help="measure again as much as fits into this time, as in 10m")
     parser.add_argument("--write", action="store_true", help="only write the numbers into the pages")
     parser.add_argument("--transcribed", metavar="NAME", help="text measured by NAME has the numbers of the stored run")
+    parser.add_argument(
+        "--ran", metavar="NAME", help="the stickslip command of NAME has run; the pages have its numbers"
+    )
     given = parser.parse_args()
     if given.transcribed:
         transcribed(given.transcribed)
-    if given.write or given.transcribed:
+    if given.ran:
+        ran(given.ran)
+    if given.write or given.transcribed or given.ran:
         console.print(*(f"Written: {path.relative_to(ROOT)}" for path in write()), sep="\n")
         return
     try:

@@ -151,6 +151,21 @@ def test_text_that_was_transcribed_has_the_date_of_its_run(tree):
     assert "- text of [docs/page.md](page.md)" in records.overview(records.read(tree))
 
 
+def test_text_from_a_command_of_the_package_has_the_date_of_its_last_run(tree):
+    (tree / "docs" / "page.md").write_text("<!-- measured by triaxial -->\n\n| 1 |\n\n<!-- end -->\n")
+    records.store("triaxial", "stickslip run a.toml", ["core"], {}, 60.0, root=tree)
+    records.transcribed("triaxial", tree)
+    write_code(tree, "x = 1\n")
+    assert records.stale(records.read(tree)["triaxial"], tree) == {"text of docs/page.md": ["core"]}
+    (tree / "docs" / "page.md").write_text("<!-- measured by triaxial -->\n\n| 2 |\n\n<!-- end -->\n")
+    record = json.loads(records.ran("triaxial", tree).read_text())
+    assert records.stale(record, tree) == {} and record["seconds"] == 60.0
+    assert record["values"] == records.texts("triaxial", tree)
+    with pytest.raises(ValueError, match="`c` stores its runs: use --store, then --transcribed triaxial"):
+        records.store("triaxial", "c", ["core"], {}, 1.0, root=tree)
+        records.ran("triaxial", tree)
+
+
 @pytest.mark.parametrize(("value", "line", "old"), [(2.34, "a", False), (2.34, "b", True), (2.35, "a", True)])
 def test_transcribed_text_is_renewed_by_a_run_with_the_same_output(tree, value, line, old):
     (tree / "docs" / "page.md").write_text("<!-- measured by speed -->\n\n| 1 |\n\n<!-- end -->\n")
