@@ -168,8 +168,8 @@ def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):
     vector = full.modes[:, full.pair_indices[0]] * np.sqrt(full.free.mass)
     scale = np.abs(full.eigenvalues).max()
     rough = np.stack([vector.real, vector.imag], axis=1) + 1e-5 * np.random.default_rng(0).normal(size=(len(vector), 2))
-    cluster = module.Cluster(None, rough, full.pairs[:1])
-    found = module._search_by_arnoldi(matrix, module._disc_of_subspace(matrix, rough, cluster), scale)
+    rough = np.linalg.qr(rough)[0]
+    found = module._search_by_arnoldi(matrix, module._disc_of_subspace(matrix, rough), scale)
     values = np.linalg.eigvals(found.T @ (matrix @ found))
     assert np.abs(values - full.pairs[0]).min() < 1e-12 * scale
 
@@ -185,6 +185,62 @@ def coupled_modes(size, width, strength, seed):
     return sparse.csr_array(np.diag(own) + skew)
 
 
+def two_identical_halves():
+    """Every pair is double: LAPACK returns its vectors in any order and direction."""
+    rng = np.random.default_rng(6)
+    own = np.sort(rng.uniform(0.1, 1.0, 120))
+    half = np.diag(own)
+    for i in range(3, 117, 6):
+        couple(half, i, i + 1, own[i + 1] - own[i])
+    weak = rng.normal(size=(120, 120)) * 1e-4
+    return np.kron(np.eye(2), half + weak - weak.T)
+
+
+def another_mode_between():
+    """A pair that the window estimates as two real eigenvalues, with an unrelated one between them."""
+    own = np.linspace(0.1, 1.0, 160)
+    own[43:46] = 0.344226415, 0.348226415, 0.3464
+    matrix = np.diag(own)
+    for j in range(120, 160):
+        couple(matrix, 43, j, 0.0022)
+    couple(matrix, 43, 44, 0.001821)
+    return matrix
+
+
+def gap_in_the_spectrum():
+    """A window on both sides of a gap, with a pair whose modes are coupled to modes close to the window."""
+    own = np.append(np.linspace(0.1, 0.3, 155), 0.9 + 1e-4 * np.arange(125))
+    own[157] = own[156] + 1.3e-4
+    own[158] = own[157] + 1e-4
+    matrix = np.diag(own)
+    couple(matrix, 156, 206, 6e-4)
+    couple(matrix, 156, 157, 4.5e-5)
+    return matrix
+
+
+def border_of_windows():
+    """A pair next to a border of windows, in modes so dense that one of the two windows joins them into a chain."""
+    own = np.hstack([np.linspace(0.1, 0.3, 95), 0.305 + 9e-6 * np.arange(70), np.linspace(0.31, 1.0, 155)])
+    matrix = np.diag(own)
+    for j in range(200, 240):
+        couple(matrix, 97, j, 2e-4)
+    couple(matrix, 97, 98, 1.148e-6)
+    return matrix
+
+
+@pytest.mark.parametrize("make", [two_identical_halves, another_mode_between, gap_in_the_spectrum, border_of_windows])
+def test_pairs_that_are_easily_missed(make):
+    free = freedom(make_packing(3, n=60, wall=False))
+    matrix, size = np.zeros((len(free), len(free))), len(make())
+    matrix[:size, :size] = make()  # rows of zeros are left out
+    pairs = module.find_pairs(free, lambda _: sparse.csr_array(matrix), False, silent, dense_below=0).eigenvalues
+    values = eigvals(matrix)
+    expected = values[values.imag > 1e-9 * np.abs(values).max()]
+    assert len(pairs) == len(expected) > 0
+    assert np.abs(pairs[:, None] - expected).min(axis=0).max() < 1e-9
+    assert np.abs(pairs[:, None] - expected).min(axis=1).max() < 1e-9
+
+
 @pytest.mark.parametrize(("strong", "strength"), [(module.STRONG, 0.15), (module.STRONG, 0.2), (np.inf, 0.15)])
 def test_a_pair_of_many_modes_is_not_missed(monkeypatch, strong, strength):
     """Windows contain only parts of its modes, and their estimates of λ are far off."""
@@ -197,6 +253,24 @@ def test_a_pair_of_many_modes_is_not_missed(monkeypatch, strong, strength):
     assert len(pairs.eigenvalues) == len(expected) > 0
     assert np.abs(pairs.eigenvalues[:, None] - expected).min(axis=0).max() < 1e-12
     assert pairs.residual.max() < 1e-12
+
+
+def couple(matrix, i, j, strength):
+    matrix[i, j], matrix[j, i] = strength, -strength
+
+
+def test_a_double_pair_found_in_several_subspaces_is_reported_twice():
+    rng = np.random.default_rng(0)
+    turn = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    matrix = np.diag([1.0, 1.0, 1.0, 1.0, 2.0, 3.0])
+    couple(matrix, 0, 1, 1e-3)
+    couple(matrix, 2, 3, 1e-3)
+    matrix = turn @ matrix @ turn.T
+    space = turn[:, :4]
+    spaces = [space @ np.linalg.qr(rng.normal(size=(4, 4)))[0] for _ in range(5)]
+    values, vectors = module._extract_pairs(matrix, spaces, 3.0)
+    np.testing.assert_allclose(values, [1 + 1e-3j] * 2, atol=1e-13)
+    assert np.linalg.matrix_rank(vectors, tol=1e-3) == 2
 
 
 def test_too_many_coordinates_name_the_other_method(disks, monkeypatch):

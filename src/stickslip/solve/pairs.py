@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import LinAlgError, block_diag, eig, eigh, lu_factor, lu_solve, qr, schur
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+from scipy.linalg import LinAlgError, block_diag, eig, eigh, lu_factor, lu_solve, qr, schur, svdvals
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from ..core.arguments import checked
 from ..core.laws.builtin import Law
@@ -33,7 +33,7 @@ NEAR_PAIR, MIXED = 5e-6, 0.2
 # extend over so many windows that its pair is far from all estimates
 WEAK = 0.05
 TOGETHER = 4  # number of neighbouring windows above WEAK that share a factor
-STRONG = 0.4  # fraction of eigenvalues computed for windows above WEAK beyond which LAPACK takes less time
+STRONG = 0.2  # fraction of eigenvalues computed for windows above WEAK beyond which LAPACK takes less time
 CLUSTER = 0.3  # |E_ij/(d_j − d_i)| above which a similarity pass leaves two modes coupled
 WORK = 40.0  # time of a certificate over that of n³ operations in a matrix product; measured values are 38 to 44
 SIMILAR = 1e-8  # a pass with W leaves W², which is then below round-off
@@ -43,7 +43,8 @@ LARGEST = (
 DENSE_BELOW = 1500  # number of coordinates below which LAPACK takes a few seconds
 # residual over the largest |λ|: target, and largest accepted value if round-off prevents the target
 CONVERGED, ENOUGH = 2e-15, 1e-12
-SAME = 1e-9  # two refined eigenvalues with one eigenvector are the same if closer than this fraction of the largest |λ|
+SAME = 1e-8  # two refined eigenvalues with one eigenvector are the same if closer than this fraction of the largest |λ|
+INDEPENDENT = 0.01  # least part of a further eigenvector outside the span of those with the same eigenvalue
 NEIGHBOURS = 20  # number of additional eigenvalues that Arnoldi's method computes near those of a subspace
 
 
@@ -75,8 +76,7 @@ class Cluster(NamedTuple):
     """Neighbouring eigenvalues that may contain a pair: a real invariant subspace to be refined."""
 
     window: Window
-    vectors: np.ndarray  # (n, p)
-    expected: np.ndarray  # complex eigenvalues of the window with Im λ > 0 [1/time²]
+    vectors: np.ndarray  # (n, p), orthonormal
 
 
 def symmetric_basis(matrix, precision, report: Report) -> Basis:
@@ -119,7 +119,10 @@ def build_window(basis: Basis, first: int) -> Window:
     K = -basis.skew[inside].T.astype(float)
     share = K / regularise_gaps(basis.diagonal - centre, basis.scale)[:, None]
     share[inside] = 0
-    mixing = float(np.linalg.norm(share, axis=0).max())
+    # the mixing at the end of the window that is nearest to each outer mode
+    gaps = np.abs(basis.diagonal - centre)
+    nearest = gaps / np.maximum(gaps - gaps[first : last + 1].max(), 1e-12 * basis.scale)
+    mixing = float(np.linalg.norm(share * nearest[:, None], axis=0).max())
     second, slope = np.split(np.hstack([K, share]).T @ share, 2)
     return Window(inside, centre, H + second, G - slope, mixing)
 
@@ -153,7 +156,7 @@ def find_candidates(basis: Basis, report: Report) -> tuple[list[Cluster], list[D
         right = sorted_diagonal[end - 1 : end + 1].mean() + margin if end < n else np.inf
         with one_thread():
             values, vectors = eig(np.linalg.solve(window.N, window.M))
-        order = np.lexsort((values.imag, values.real))
+        order = np.argsort(values.real, kind="stable")  # leaves conjugate eigenvalues together
         values, vectors = values[order] + window.centre, vectors[:, order]
         if window.mixing > WEAK:
             mixed.append(first)
@@ -163,12 +166,11 @@ def find_candidates(basis: Basis, report: Report) -> tuple[list[Cluster], list[D
             continue
         near = NEAR_PAIR * basis.scale + MIXED * window.mixing**2 * np.ptp(basis.diagonal[window.inside]) / 2
         for members in _find_suspects(values, vectors, near):
-            if left <= values[members].real.mean() <= right:
+            if left - near <= values[members[-1]].real and values[members[0]].real <= right + near:
                 plane = np.hstack([vectors[:, members].real, vectors[:, members].imag])
                 small = qr(plane, mode="economic", pivoting=True)[0][:, : len(members)]
-                part = basis.vectors[:, window.inside]
-                mine = values[members]
-                clusters.append(Cluster(window, part.astype(float, copy=False) @ small, mine[mine.imag > 0]))
+                part = basis.vectors[:, window.inside].astype(float, copy=False)
+                clusters.append(Cluster(window, qr(part @ small, mode="economic")[0]))
     discs = _discs_of_windows(basis, mixed, margin, 2 * tallest)
     return (clusters, discs) if sum(disc.count for disc in discs) <= STRONG * n else None
 
@@ -191,21 +193,23 @@ def _discs_of_windows(basis: Basis, windows: list[int], margin: float, height: f
 
 def _find_suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list[np.ndarray]:
     """Index sets of sorted eigenvalues that form a pair, or are real and about to form one."""
-    real = (values.imag[:-1] == 0) & (values.imag[1:] == 0)
-    conjugate = (values.imag[:-1] != 0) & (values[:-1] == values[1:].conj())
-    links = np.flatnonzero(conjugate | (real & (pair_margin(values, vectors) < near)))
+    linked = (values.imag[:-1] != 0) & (values[:-1] == values[1:].conj())
+    real = np.flatnonzero(values.imag == 0)
+    for first, last in real[np.argwhere(np.triu(pair_margins(values[real].real, vectors[:, real].real) < near, 1))]:
+        linked[first:last] = True  # with the eigenvalues between the two
+    links = np.flatnonzero(linked)
     chains = np.split(links, np.flatnonzero(np.diff(links) > 1) + 1) if len(links) else []
     return [np.arange(chain[0], chain[-1] + 2) for chain in chains]
 
 
-def pair_margin(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(n − 1,) additional skew coupling that neighbouring real eigenvalues would need to become a pair [1/time²].
+def pair_margins(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """(n, n) additional skew coupling that two real eigenvalues would need to become a pair [1/time²].
 
     [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so
     δ/2 − k = gap/2 · √((1 − c)/(1 + c)): a small gap alone does not signal a pair.
     """
-    gap = np.abs(np.diff(values))
-    cosine = np.minimum(np.abs(np.einsum("ij,ij->j", vectors[:, :-1].conj(), vectors[:, 1:])), 1.0)
+    gap = np.abs(values[:, None] - values)
+    cosine = np.minimum(np.abs(vectors.T @ vectors), 1.0)
     return gap / 2 * np.sqrt((1 - cosine) / (1 + cosine))
 
 
@@ -439,7 +443,7 @@ def _refine(matrix, basis: Basis, clusters: list[Cluster], discs: list[Disc], re
     report(STAGE, 0.7, f"Arnoldi's method in {len(discs)} intervals")
     found = [_search_by_arnoldi(matrix, disc, basis.scale) for disc in discs]
     report(STAGE, 0.8, f"refining {len(clusters)} candidates")
-    subspaces = [qr(cluster.vectors, mode="economic")[0] for cluster in clusters]
+    subspaces = [cluster.vectors for cluster in clusters]
     single = np.float32  # a correction needs only a few digits
     V = basis.vectors.astype(single, copy=False)
     # subspaces in the modes of S, which only define the directions excluded from a correction
@@ -465,46 +469,20 @@ def _refine(matrix, basis: Basis, clusters: list[Cluster], discs: list[Disc], re
             )
         for k, change in zip(active, np.split(V @ inner.astype(single), ends, axis=1), strict=True):
             subspaces[k] = qr(subspaces[k] - change, mode="economic")[0]
-    good = found + [subspace for subspace, size in zip(subspaces, last, strict=True) if size <= ENOUGH]
-    for k in np.flatnonzero(last > ENOUGH):
-        disc = _disc_of_subspace(matrix, subspaces[k], clusters[k])
-        good.append(_search_by_arnoldi(matrix, disc, basis.scale))
-    values, vectors = _extract_pairs(matrix, good, basis.scale)
-    report(STAGE, 0.82, "comparing with the pairs found by the windows")
-    lost = [clusters[k] for k in _unmatched_clusters(values, clusters, 2 * NEAR_PAIR * basis.scale)]
-    if lost:  # refinement converged to a neighbour of the pair that it started from
-        for cluster in lost:
-            disc = _disc_of_subspace(matrix, qr(cluster.vectors, mode="economic")[0], cluster)
-            good.append(_search_by_arnoldi(matrix, disc, basis.scale))
-        values, vectors = _extract_pairs(matrix, good, basis.scale)
-    return values, vectors, basis.scale
-
-
-def _unmatched_clusters(values: np.ndarray, clusters: list[Cluster], tolerance: float) -> list[int]:
-    """Clusters in which a clear pair is expected but no eigenvalue matches it."""
-    owner = np.repeat(np.arange(len(clusters)), [len(c.expected) for c in clusters])
-    expected = np.concatenate([np.zeros(0, complex), *(c.expected for c in clusters)])
-    clear = expected.imag > 10 * tolerance
-    owner, expected = owner[clear], expected[clear]
-    if not len(expected):
-        return []
-    if not len(values):
-        return sorted(set(owner.tolist()))
-    # pairs at window borders occur twice: one eigenvalue may match two clusters, but not two pairs of one cluster
-    far = np.abs(expected[:, None] - values[None, :])
-    near = far < tolerance + 0.05 * expected.imag[:, None]
-    lost = set(owner[~near.any(axis=1)].tolist())
-    for k in set(owner.tolist()) - lost:
-        mine = owner == k
-        if len(np.unique(far[mine].argmin(axis=1))) < mine.sum():
-            lost.add(k)
-    return sorted(lost)
+    # refinement fails, or converges to neighbours of the eigenvalues that it started from
+    strayed = [
+        k for k, cluster in enumerate(clusters)
+        if last[k] > ENOUGH or svdvals(cluster.vectors.T @ subspaces[k]).min() < 0.5
+    ]  # fmt: skip
+    for k in strayed:
+        subspaces[k] = _search_by_arnoldi(matrix, _disc_of_subspace(matrix, clusters[k].vectors), basis.scale)
+    return *_extract_pairs(matrix, found + subspaces, basis.scale), basis.scale
 
 
 def _is_certainly_real(B: np.ndarray, error: float) -> bool:
     """Return True if the two real eigenvalues of a subspace are farther from being a pair than its error allows."""
     values, vectors = np.linalg.eig(B)
-    return len(B) == 2 and not np.iscomplexobj(values) and pair_margin(values, vectors)[0] > error
+    return len(B) == 2 and not np.iscomplexobj(values) and pair_margins(values, vectors)[0, 1] > error
 
 
 def _subspace_residual(matrix, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -546,11 +524,12 @@ def _real_matmul(K: np.ndarray, z: np.ndarray) -> np.ndarray:
     return product[:, 0] + 1j * product[:, 1]
 
 
-def _disc_of_subspace(matrix, subspace: np.ndarray, cluster: Cluster) -> Disc:
-    """Disc around the eigenvalues of a subspace that reaches twice as far as the pairs that the window expected."""
-    centre = np.trace(_subspace_residual(matrix, subspace)[1]) / subspace.shape[1]
-    radius = 2 * np.abs(cluster.expected - centre).max(initial=0.0)
-    return Disc(centre, radius, subspace.shape[1] + NEIGHBOURS, subspace.sum(axis=1))
+def _disc_of_subspace(matrix, subspace: np.ndarray) -> Disc:
+    """Disc around the eigenvalues that a subspace approximates."""
+    residual, B = _subspace_residual(matrix, subspace)
+    centre = np.trace(B) / len(B)
+    radius = np.abs(np.linalg.eigvals(B) - centre).max() + np.linalg.norm(residual)
+    return Disc(centre, radius, len(B) + NEIGHBOURS, subspace.sum(axis=1))
 
 
 def _search_by_arnoldi(matrix, disc: Disc, scale: float) -> np.ndarray:
@@ -565,15 +544,16 @@ def _search_by_arnoldi(matrix, disc: Disc, scale: float) -> np.ndarray:
     shifted = sparse.csr_array(matrix - shift * sparse.eye_array(matrix.shape[0]))
     solve = factorised(shifted)
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
-    count, most = disc.count + 5, matrix.shape[0] - 2
+    count = disc.count + 5
     while True:
-        count = min(count, most)
+        if count > matrix.shape[0] - 2:
+            return np.eye(matrix.shape[0])
         try:
             values, vectors = eigs(matrix, k=count, sigma=shift, OPinv=inverse, v0=disc.start)
-        except ArpackNoConvergence:
+        except ArpackError:
             raise LinAlgError(f"the pairs near λ = {shift:.6g} could not be found: use `spectrum`") from None
         reached = np.abs(values - disc.centre).max()
-        if reached > disc.radius or count == most:
+        if reached > disc.radius:
             break
         # eigenvalues are about equally dense along the real axis
         count = int(count * max(1.1, 1.1 * disc.radius / reached))
@@ -596,8 +576,9 @@ def _extract_pairs(matrix, subspaces: list[np.ndarray], scale: float):
             x /= np.linalg.norm(x)
             if np.linalg.norm(matrix @ x - theta[k] * x) > 10 * ENOUGH * scale:
                 continue
-            near = [w for v, w in zip(values, vectors, strict=True) if abs(theta[k] - v) < SAME * scale]
-            if not any(abs(np.vdot(x, w)) > 0.9 for w in near):
+            same = [w for v, w in zip(values, vectors, strict=True) if abs(theta[k] - v) < SAME * scale]
+            known = qr(np.array(same).T, mode="economic")[0] if same else np.zeros((len(x), 0))
+            if np.linalg.norm(x - known @ (known.conj().T @ x)) > INDEPENDENT:
                 values.append(theta[k])
                 vectors.append(x)
     return np.array(values, complex), np.array(vectors, complex).reshape(-1, matrix.shape[0]).T
