@@ -148,7 +148,7 @@ def test_the_sdist_holds_what_tests_and_users_need_and_the_wheel_the_package_alo
     assert not [name for name in names if ".objects" in name]
     with tarfile.open(sdist) as archive:
         assert not [name for name in archive.getnames() if Path(name).name in libraries]
-    for needed in ("LICENSE", "CITATION.cff", "references.bib", "numbers.json", "METADATA", "entry_points.txt"):
+    for needed in ("LICENSE", "CITATION.cff", "references.bib", "doctor.json", "METADATA", "entry_points.txt"):
         assert [name for name in names if name.endswith(needed)], needed
 
 
