@@ -42,6 +42,13 @@ def trial(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture
+def no_zig(trial):
+    """Skip where only the compiler of the package `ziglang` works: it takes no flags in CXX, and links without libc."""
+    if build.find_compiler().is_zig:
+        pytest.skip("needs GCC or Clang")
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A folder in which `build` was called."""
@@ -141,7 +148,7 @@ def test_an_error_in_a_source_gives_a_one_sentence_error_with_its_line(trial):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere linkers say it in other words")
-def test_a_function_that_no_source_has_is_noticed_when_linking(trial):
+def test_a_function_that_no_source_has_is_noticed_when_linking(trial, no_zig):
     (trial / "open.cpp").write_text(
         f'extern "C" int elsewhere(void);\n{API} int open(void) {{ return elsewhere(); }}\n'
     )
@@ -173,7 +180,7 @@ def test_a_compiler_that_does_not_work_is_passed_over(trial, monkeypatch, capsys
     assert "CXX=no-such-compiler -O2 does not compile: other compilers are tried\n" in capsys.readouterr().err
 
 
-def test_another_compiler_in_cxx_builds_again(built, monkeypatch):
+def test_another_compiler_in_cxx_builds_again(built, monkeypatch, no_zig):
     monkeypatch.setenv("CXX", f"{build.find_compiler().command[0]} -DVERSION_OF_CXX")
     assert "was built" in build.build(built)
     assert "-DVERSION_OF_CXX" in build.stamp(build.library_path(build.PROBE, built))["command"]
@@ -217,7 +224,7 @@ FAILS = {  # compilers that fail for one source, and what is said
 
 @pytest.mark.skipif(sys.platform != "linux", reason="shell and linker of Linux")
 @pytest.mark.parametrize("how", FAILS)
-def test_a_compiler_that_fails_leaves_the_library_and_the_next_call_builds(built, monkeypatch, how):
+def test_a_compiler_that_fails_leaves_the_library_and_the_next_call_builds(built, monkeypatch, no_zig, how):
     does, message = FAILS[how]
     path = build.library_path(build.usable_levels(built)[-1], built)
     before = path.read_bytes()
