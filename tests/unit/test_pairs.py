@@ -241,6 +241,19 @@ def test_pairs_that_are_easily_missed(make):
     assert np.abs(pairs[:, None] - expected).min(axis=1).max() < 1e-9
 
 
+def test_a_chain_across_a_border_is_refined_even_if_no_window_has_its_middle(monkeypatch):
+    basis = module.symmetric_basis(sparse.csr_array(np.diag(np.linspace(1.0, 2.0, 120))), np.float64, silent)
+    border, chains = basis.diagonal[39:41].mean(), [(-1, 10), (-10, 1), (0, 0)]
+
+    def suspects(values, vectors, near):
+        first, last = np.searchsorted(values.real, border) + chains.pop(0)
+        return [np.arange(first, last)] if last > first else []
+
+    monkeypatch.setattr(module, "_find_suspects", suspects)
+    clusters, _ = module.find_candidates(basis, silent)
+    assert [cluster.vectors.shape[1] for cluster in clusters] == [11, 11]
+
+
 @pytest.mark.parametrize(("strong", "strength"), [(module.STRONG, 0.15), (module.STRONG, 0.2), (np.inf, 0.15)])
 def test_a_pair_of_many_modes_is_not_missed(monkeypatch, strong, strength):
     """Windows contain only parts of its modes, and their estimates of λ are far off."""
