@@ -241,6 +241,16 @@ def test_pairs_that_are_easily_missed(make):
     assert np.abs(pairs[:, None] - expected).min(axis=1).max() < 1e-9
 
 
+@pytest.mark.parametrize("make", [gap_in_the_spectrum, lambda: coupled_modes(600, 120, 0.15, seed=0).toarray()])
+def test_windows_with_modes_that_extend_beyond_them_are_searched_as_a_whole(monkeypatch, make):
+    monkeypatch.setattr(module, "STRONG", np.inf)
+    matrix = make()
+    basis = module.symmetric_basis(sparse.csr_array(matrix), np.float64, silent)
+    _, discs = module.find_candidates(basis, silent)
+    largest = eigvals(matrix)[eigvals(matrix).imag.argmax()]
+    assert any(abs(largest - disc.centre) < disc.radius for disc in discs)
+
+
 def test_a_chain_across_a_border_is_refined_even_if_no_window_has_its_middle(monkeypatch):
     basis = module.symmetric_basis(sparse.csr_array(np.diag(np.linspace(1.0, 2.0, 120))), np.float64, silent)
     border, chains = basis.diagonal[39:41].mean(), [(-1, 10), (-10, 1), (0, 0)]
