@@ -29,8 +29,8 @@ WINDOW, HALO = 40, 40
 # assumed errors of windows: NEAR_PAIR times the largest |λ|, and MIXED · mixing² times the half-width; the largest
 # factors found were 1e-6 (1000 spheres) and 0.1 (150 spheres)
 NEAR_PAIR, MIXED = 5e-6, 0.2
-# largest first-order fraction of outer modes in a window mode for which second order is trusted: above it, a mode may
-# extend over so many windows that its pair is far from all estimates
+# largest first-order fraction of outer modes in a window mode for which second order is trusted; beyond it, a mode may
+# extend over several windows, and the estimates of its pair may all be wrong
 WEAK = 0.05
 TOGETHER = 4  # number of neighbouring windows above WEAK that share a factor
 STRONG = 0.2  # fraction of eigenvalues computed for windows above WEAK beyond which LAPACK takes less time
