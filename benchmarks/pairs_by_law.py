@@ -1,13 +1,13 @@
-"""Contact laws that lead to complex pairs: tables and figure of `docs/pairs_by_law.md`, from a finished sweep.
+"""Contact laws that lead to complex pairs: tables and figure of `docs/pairs_by_law.md`, from a sweep.
 
-    stickslip run examples/pairs_by_law.toml --out results/pairs
-    python -m benchmarks pairs_by_law results/pairs     # writes births.csv, and the output of --draw
-    python -m benchmarks pairs_by_law --draw            # the figure, the table and the summary, from births.csv
+    python -m benchmarks pairs_by_law results/pairs     # runs the sweep if there is no such folder, writes births.csv
+    python -m benchmarks pairs_by_law --draw            # only the figure, the table and the summary, from births.csv
 
 `docs/reference/pairs/births.csv` contains the results of every packing.
 """
 
 import csv
+import subprocess
 import sys
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from .pictures import save_picture
 from .records import write_block
 
 ROOT = Path(__file__).parents[1]
+SCENARIO = ROOT / "examples/pairs_by_law.toml"
 OUT, PAGE = ROOT / "docs/reference/pairs", ROOT / "docs/pairs_by_law.md"
 COLUMNS = {
     "strain": "onset_strain", "exponent": "onset_exponent", "at_limit": "onset_share_at_limit",
@@ -38,7 +39,9 @@ def read_births() -> list[dict]:
 
 
 def collect(folder: Path) -> None:
-    """Write births.csv from a sweep."""
+    """Write births.csv from a sweep, which is run first if its folder does not exist."""
+    if not folder.exists():
+        subprocess.run([sys.executable, "-m", "stickslip", "run", str(SCENARIO), "--out", str(folder)], check=True)
     table = ss.io.open_sweep(folder).to_dataframe().reset_index()
     rows = table[["law.kind", "law.coulomb", "law.mu", "seed", *COLUMNS.values()]]
     rows.columns = ["kind", "coulomb", "mu", "seed", *COLUMNS]
