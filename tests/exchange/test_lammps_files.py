@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 import stickslip as ss
 from stickslip.data.exchange.columns import contradictions
 from stickslip.data.exchange.lammps_text import read_dump
+from stickslip.data.sample import Obstacle, notes_about
 from stickslip.loading.reading import convert
+from stickslip.reports.packing import missing_parts
 
 from .packings import SHARP, disks, spheres
 
@@ -343,6 +345,14 @@ def test_a_hundred_thousand_grains_are_read_in_seconds(tmp_path):
     assert time.perf_counter() - start < 30  # 6 seconds here
 
 
+def test_assumptions_in_files_of_0_3_are_sentences(tmp_path):
+    told = ["undecided: fix wall was not imported", "no contact law was given: the defaults are assumed", "a guess"]
+    np.savez(tmp_path / "pair.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5], kn=1.0, assumed=told)
+    notes = ss.io.read_packing(tmp_path / "pair.npz").assumed
+    assert [note for note in notes if isinstance(note, Obstacle)] == told[:1]
+    assert notes_about(notes, "law") == told[1:2] and told[2] in notes
+
+
 @pytest.mark.parametrize("to", ["x.gsd", "x.npz", "x.h5"])
 def test_what_was_assumed_travels_with_the_file(tmp_path, to):
     """A law that nobody has given is still a guess in the files that are made from the packing."""
@@ -351,8 +361,11 @@ def test_what_was_assumed_travels_with_the_file(tmp_path, to):
     law = "hertz_mindlin, smooth Coulomb, kn = 1, kt = 0.285714, mu = 10"
     said = f"the contact law is missing: the defaults are assumed ({law})"
     assert said in notes
+    kinds = {(type(note), note.about, note) for note in ss.io.read_packing(tmp_path / "pair.npz").assumed}
+    assert len({kind for kind, _, _ in kinds}) > 1
     for again in (to, f"y{to[1:]}"):
-        assert said in ss.io.read_packing(tmp_path / again)[2]
+        assert {(type(note), note.about, note) for note in ss.io.read_packing(tmp_path / again).assumed} == kinds
+        assert missing_parts(ss.io.read_packing(tmp_path / again).notes)
         if again == to:
             convert(tmp_path / to, tmp_path / f"y{to[1:]}")
     assert not any("assumed" in note for note in ss.io.read_packing(tmp_path / to, kn=2.0)[2])

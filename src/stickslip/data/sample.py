@@ -140,20 +140,31 @@ def account_of(notes) -> dict[str, list[str]]:
     return next((note.groups for note in notes if isinstance(note, Account)), {})
 
 
-def repeated_note(text: str) -> Assumption:
-    """Note that a file copied from its source; files store only the sentence, whose beginning identifies its class."""
-    text = printable(text)
-    return (Obstacle if text.startswith(UNDECIDED) else Assumption)(
-        text, LAW if text.startswith((NO_LAW, FORMER_NO_LAW)) else ""
-    )
-
-
 class MemoryNote(Note):
     """A note on the memory of contacts, made for every frame of a series."""
 
 
 class NoMemory(MemoryNote, Assumption):
     """A note on contacts without memory."""
+
+
+KINDS = {kind.__name__: kind for kind in (Assumption, Absent, Obstacle, NoMemory)}  # classes of notes in files
+
+
+def stored_note(note: str) -> str:
+    """Line of a file for an assumption: its class, its subject and its sentence, separated by tabs."""
+    about = note.about if isinstance(note, Note) else ""
+    return "\t".join((type(note).__name__, about, " ".join(note.split())))
+
+
+def repeated_note(line: str) -> Assumption:
+    """Note from a line of a file; files of version 0.3 have only its sentence, whose beginning identifies its class."""
+    kind, about, text = line.split("\t", 2) if line.count("\t") >= 2 else ("", "", line)
+    text = printable(text)
+    if not kind:
+        kind = Obstacle.__name__ if text.startswith(UNDECIDED) else ""
+        about = LAW if text.startswith((NO_LAW, FORMER_NO_LAW)) else ""
+    return KINDS.get(kind, Assumption)(text, about)
 
 
 NO_CONTACTS = NoMemory("contacts were found from positions, without memory (zero slip)")
