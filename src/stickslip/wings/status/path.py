@@ -51,6 +51,7 @@ SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged
 SHRINKS = 0.9  # an increment is halved further only while each halving reduces the imbalance to this fraction
 PROGRESS = 1e-5  # fraction of a leg; the load stalls if CROWD events and parts of increments raise it by less
 RETURNS = "is wedged and carries load again"
+BREAK_KINDS = tuple(f"{BREAKS} by {load}" for load in FAILURES)  # kinds of events, by the index in `FAILURES`
 COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
 OFFSET = 1e-4  # fraction of a leg by which the load is raised to make a packing collapse; doubled if nothing moves
 JUMP = 10.0  # a motion larger than the previous one by this factor, for the same load change, is a collapse
@@ -101,7 +102,7 @@ class LoadPath(NamedTuple):
             end += f", after {pluralize(falls, 'collapse')}"
         if quiet := sum(event.quiet for event in self.collapses):
             end += f"; dynamics passed {pluralize(quiet, 'end')} of the path without a collapse"
-        if broken := sum(e.kind.startswith(BREAKS) for e in self.events):
+        if broken := sum(e.kind in BREAK_KINDS for e in self.events):
             end += f"; {pluralize(broken, 'bond')} broke"
         disks, times = np.unique([e.i for e in self.events if e.kind == RETURNS], return_counts=True)
         if len(disks) and times.max() >= AGAIN:
@@ -347,7 +348,7 @@ def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, rep
 
 
 def _break_events(load: float, broken: np.ndarray) -> list[Event]:
-    return [Event(load, f"{BREAKS} by {FAILURES[how]}", i, j) for i, j, how in broken.tolist()]
+    return [Event(load, BREAK_KINDS[how], i, j) for i, j, how in broken.tolist()]
 
 
 def _break_weakest(place: PathState, law: Law, control: Control, load: float, way: _PathRecord) -> PathState:
