@@ -43,10 +43,12 @@ def inconsistent_versions() -> list[str]:
     return [f"{name} has version {one}, the package has {wanted}" for name, one in found.items() if one != wanted]
 
 
-def unreleased_changes() -> str | None:
-    """Return a sentence if the changelog has no section for this version, else None."""
-    wanted, text = package_version(), (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    return None if f"\n## {wanted}" in text else f"CHANGELOG.md has no section '## {wanted}': rename 'Unreleased'"
+def unreleased_changes(text: str | None = None) -> str | None:
+    """Return a sentence if a changelog lists unreleased changes or has no section for this version, else None."""
+    wanted, text = package_version(), text or (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    if re.search(r"^## Unreleased\s+(?!## )\S", text, flags=re.M):
+        return f"CHANGELOG.md has changes under '## Unreleased', which are not part of {wanted}: change the version"
+    return None if f"\n## {wanted}" in text else f"CHANGELOG.md has no section '## {wanted}': add it"
 
 
 def stale_numbers() -> list[str]:
@@ -181,9 +183,13 @@ def main() -> None:
     words.add_argument("--rehearse", action="store_true", help="even if versions do not agree")
     words.add_argument("--repository", metavar="URL", help="address of the repository")
     words.add_argument("--oldest", action="store_true", help="print the oldest dependencies allowed, and nothing else")
+    words.add_argument("--address-only", action="store_true", help="only write the address into this checkout")
     given = words.parse_args()
     if given.oldest:
         print(*oldest())
+        return
+    if given.address_only:
+        with_address(ROOT, given.repository or words.error("no address was given: add --repository URL"))
         return
     problems = [*inconsistent_versions(), *filter(None, [unreleased_changes()]), *stale_numbers()]
     if not given.repository:

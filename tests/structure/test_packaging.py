@@ -83,7 +83,7 @@ def installed(request, built, tmp_path_factory):
 
 
 def test_classifiers_and_versions_agree():
-    named = [line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if line.startswith("Programming Language")]
+    named = [line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if line.startswith("Programming Language :: Python")]
     assert named == ["3", *PYTHONS]
     assert PROJECT["requires-python"] == f">={PYTHONS[0]}"
 
@@ -209,6 +209,15 @@ def test_a_release_names_one_version_everywhere():
     assert release["package_version"]() == version("stickslip")
     assert release["stale_numbers"]() == stale_in_readme()
     assert release["inconsistent_versions"]() == []
+
+
+def test_a_release_has_no_unreleased_changes():
+    """Neither under the old version nor without a section."""
+    release = runpy.run_path(str(ROOT / "release" / "release.py"))
+    found, section = release["unreleased_changes"], f"## {version('stickslip')} (2026-01-01)\n\n- b\n"
+    assert "under '## Unreleased'" in found(f"# Changelog\n\n## Unreleased\n\n### Added\n\n- a\n\n{section}")
+    assert "no section" in found("# Changelog\n\n## 0.0.1 (2020-01-01)\n")
+    assert found(f"# Changelog\n\n{section}") is None is found(f"# Changelog\n\n## Unreleased\n\n{section}")
 
 
 def test_the_address_of_the_repository_is_one_setting(tmp_path):

@@ -21,6 +21,7 @@ from stickslip.figures.style import (
     PAGE,
     WIDTH,
     Look,
+    OwnFigure,
     _letter,
     column_axes,
     label_axes,
@@ -163,6 +164,9 @@ def test_panels_are_lettered_and_twins_and_colour_bars_are_not():
     assert letters_of(figure) == ["a", "b"]
     assert not [text for axes in figure.axes for text in axes.texts]  # the figure stays as it was
     assert letters_of(ss.figures.packing(PAIR, LAW, colour="radius")) == []  # one panel
+    spatial = OwnFigure()
+    _ = [spatial.add_subplot(1, 2, k, projection="3d") for k in (1, 2)]
+    assert letters_of(spatial) == ["a", "b"]
 
 
 def test_letters_hide_nothing():

@@ -426,14 +426,15 @@ def _arranged(figure, look: Look):
 def _reach(axes) -> float:
     """Extent of the tick labels to the left of the vertical axis [pixels], without the label of the axis."""
     boxes = [label.get_window_extent() for label in axes.get_yticklabels() if label.get_text() and label.get_visible()]
-    return max((axes.bbox.x0 - box.x0 for box in boxes), default=0.0)
+    return max(0.0, *(axes.bbox.x0 - box.x0 for box in boxes))
 
 
 def _letter(figure) -> list:
     """Write (a), (b) … above the numbers at the left of each panel."""
     seen: dict = {}
     for axes in figure.axes:
-        if axes.get_visible() and axes.axison and axes.get_label() != "<colorbar>":
+        shown = getattr(axes, "_axis3don", axes.axison)  # in three dimensions, `axison` is always False
+        if axes.get_visible() and shown and axes.get_label() != "<colorbar>":
             seen.setdefault(axes.get_subplotspec() or axes, axes)  # only the first of twin axes
     if len(seen) < 2:
         return []

@@ -143,8 +143,8 @@ def _label_space(axes, labels, dim: int) -> None:
     if dim == 3:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-            axis.set_tick_params(pad=-3, labelsize=7)
-            axis.labelpad = -3 if axis is axes.zaxis else -5
+            axis.set_tick_params(pad=1 if axis is axes.zaxis else -3, labelsize=7)
+            axis.labelpad = 1 if axis is axes.zaxis else -5
             axis.set_major_locator(MaxNLocator(4))
 
 
