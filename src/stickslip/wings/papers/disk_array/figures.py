@@ -222,7 +222,7 @@ def center_of_mass(
         axes.plot(ends, line.intercept + line.slope * ends, "-", color=style.RED, lw=0.7, label="fit")
         if printed:
             axes.plot(ends, printed[1] + printed[0] * ends, "--", color=style.BLACK, lw=0.7, label="paper")
-        style.label_axes(axes, x=LOAD, y=("sliding velocity\n", SPEED.replace(" /", "\n/")))
+        style.label_axes(axes, x=(LOAD, "force"), y=("sliding velocity\n", SPEED.replace(" /", "\n/")))
         axes.legend(loc="upper left")
     return figure
 

@@ -201,7 +201,7 @@ def births_by_law(laws: list, packings: list):
         panel.set_xscale("log")
         panel.set_ylim(0, 1.02)
         panel.set_title("Hertz" if kind == "hertz_mindlin" else "linear")
-        style.label_axes(panel, y="packings with a pair")
+        style.label_axes(panel, y="share of packings with a pair")
         panel.legend()
     style.label_axes(axes[-1], x=r"strain $\gamma$")
     return figure

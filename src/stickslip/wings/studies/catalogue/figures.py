@@ -81,7 +81,7 @@ def eigenvalue_before_events(events: _Table):
         bottom.plot(x, np.nanmedian(ratio, axis=0), "o-", color=BLACK, ms=3, label="median")
         right = np.nanmin(distance) / 10
         spread = right * 2.0 ** np.linspace(-0.7, 0.7, min(LINES, len(switched)))
-        bottom.plot(spread, switched[:LINES], ".", color=RED, ms=3, label="its contact set to slide")
+        bottom.plot(spread, switched[:LINES], ".", color=RED, ms=3, label="at the event, its contact set to slide")
         bottom.axvline(3 * right, color=BLACK, lw=0.6, ls=":")
         bottom.set_xlim(2 * np.nanmax(distance), right / 3)
         bottom.xaxis.set_major_locator(LogLocator(subs=(1.0,)))
