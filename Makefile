@@ -28,7 +28,7 @@ unexport PYTHONDONTWRITEBYTECODE  # the many processes that tests start would co
 demo: $(CORE)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
-test: $(STAMP)  ## run the tests, under ten minutes on two cores
+test: $(STAMP)  ## run the tests, about five minutes on two cores
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 durations: $(STAMP)  ## run the tests, store their processor time in tests/durations.json, and print the slowest
