@@ -15,7 +15,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from ...core.arguments import checked, require_positive
+from ...core.arguments import Positive, checked
 from ...core.laws.builtin import Law
 from ...core.state import State
 from ...core.text import parse_integer
@@ -380,7 +380,7 @@ def read_pair(source: Source, pair: Pair) -> tuple[State, list[str]]:
 
 @checked
 def follow_packings(
-    place: str | Path, *, until_idle: float = 10.0, memory: bool = True, interval: float = INTERVAL, **options
+    place: str | Path, *, until_idle: float = 10.0, memory: bool = True, interval: Positive = INTERVAL, **options
 ) -> Iterator[tuple[str, State, Law, list[str]]]:
     """Read the frames of a running LAMMPS simulation as they become complete, in the order of their steps.
 
@@ -415,7 +415,6 @@ def follow_packings(
     ...     [name for name, *_ in frames]
     ['7']
     """
-    require_positive(interval=interval)
     source, seen, known, last = open_source(place, memory=memory, **options), None, {}, time.monotonic()
     while True:
         before, seen = seen, look(source, seen)

@@ -7,8 +7,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ....kit import YEAR, Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Size
-from ..friction.fault import Fault, check_normal, line_fault
-from ..friction.stress_transfer import Injection, Oscillation, StressTable, read_stress_table
+from ..friction.fault import Fault, Shear, Slip, check_normal, line_fault
+from ..friction.laws import EvolutionLaw
+from ..friction.stress_transfer import Boundary, Injection, Oscillation, StressTable, read_stress_table
 
 STATIONS = (0.0, 2500.0, 5000.0, 7500.0, 10e3, 12.5e3, 15e3, 17.5e3, 20e3, 25e3, 30e3, 35e3)
 Point = Annotated[tuple[NotNegative, NotNegative], Listed]
@@ -23,12 +24,12 @@ class Line(ScenarioTable):
     cell: Positive = Field(
         50.0, description="length of a cell, at most a third of the cohesive length, G dc/(b normal) [m]"
     )
-    shear: Literal["antiplane", "in-plane"] = Field("antiplane", description="direction of slip")
+    shear: Shear = Field("antiplane", description="direction of slip")
     dip: Annotated[float, Field(gt=0, le=90)] = Field(
         90.0, description="dip, for in-plane shear with a free surface; depths are then distances down dip [degrees]"
     )
-    slip: Literal["thrust", "normal"] = Field("thrust", description="direction of in-plane slip, with a free surface")
-    boundary: Literal["surface", "infinite", "periodic"] = Field(
+    slip: Slip = Field("thrust", description="direction of in-plane slip, with a free surface")
+    boundary: Boundary = Field(
         "surface",
         description="surface: free surface at depth 0; infinite: segment in an infinite body; periodic: period `width`",
     )
@@ -51,7 +52,7 @@ class Medium(ScenarioTable):
 class FaultFriction(ScenarioTable):
     """Friction; a, b, dc, b2, dc2 and normal are numbers, or pairs [depth, value], interpolated linearly."""
 
-    law: Literal["aging", "slip"] = Field("aging", description="evolution law of the state θ")
+    law: EvolutionLaw = Field("aging", description="evolution law of the state θ")
     form: Literal["regularized", "logarithmic"] = Field(
         "regularized", description="dependence of friction on velocity: arcsinh or logarithm"
     )

@@ -4,15 +4,16 @@ Friction depends on depth. The body is linear elastic, and its inertia is approx
 (quasi-dynamic; J. R. Rice, J. Geophys. Res. 98, 9885 (1993), doi:10.1029/93JB00191).
 """
 
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from ....kit import check_types, checked, quoted, readable, require_positive
-from .laws import EVOLUTIONS, FORMS, form_code
+from ....kit import NotNegative, Positive, check_types, checked, quoted, readable
+from .laws import EvolutionLaw, Form, check_variant, form_code
+from .ranges import ALL_NOT_NEGATIVE, ALL_POSITIVE, Bounded, Unbounded, allowed
 from .stress_transfer import (
-    BOUNDARIES,
     INSTANTS,
+    Boundary,
     Injection,
     Oscillation,
     StressTable,
@@ -21,8 +22,12 @@ from .stress_transfer import (
     stress_transfer,
 )
 
-SHEARS = ("antiplane", "in-plane")
-SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault
+Shear = Literal["antiplane", "in-plane"]
+Slip = Literal["thrust", "normal"]
+PositiveValues = Annotated[np.ndarray, ALL_POSITIVE]
+NotNegativeValues = Annotated[np.ndarray, ALL_NOT_NEGATIVE]
+Poisson = Annotated[float, allowed("between −1 and 0.5", lambda nu: (nu > -1) & (nu < 0.5))]
+Dip = Annotated[float, allowed("above 0 and at most 90 degrees", lambda dip: (dip > 0) & (dip <= 90))]
 MOST_CELLS = 1_000_000
 MOST_ENTRIES = 1e7  # largest number of entries in the table of surface effects on a dipping fault
 LONGEST_CELL = 1 / 3  # length of the longest allowed cell, relative to the cohesive length
@@ -41,38 +46,39 @@ class Fault(NamedTuple):
     MADE_BY = "friction.line_fault"
 
     depth: np.ndarray  # (N,) depths of cell centres, distances down dip, or positions along the fault [m]
-    a: np.ndarray  # (N,) direct effect
-    b: np.ndarray  # (N,) evolution effect
-    dc: np.ndarray  # (N,) characteristic slip [m]
-    normal: np.ndarray  # (N,) effective normal stress, compression is positive [Pa]
-    cell: float  # length of a cell [m]
-    mu0: float = 0.6  # steady friction at v0
-    v0: float = 1e-6  # [m/s]
-    law: str = "aging"  # or "slip"
-    form: str = "regularized"  # or "logarithmic"
-    shear: str = "antiplane"  # or "in-plane"
-    shear_modulus: float = 32.04e9  # [Pa]
-    wave_speed: float = 3464.0  # speed of shear waves; infinite: no radiation damping [m/s]
-    poisson: float = 0.25  # Poisson's ratio, for in-plane shear
-    plate_rate: float = 1e-9  # slip velocity of the plane outside the cells, or of the plates [m/s]
-    boundary: str = "surface"  # or "infinite" or "periodic"
+    a: PositiveValues  # (N,) direct effect
+    b: NotNegativeValues  # (N,) evolution effect
+    dc: PositiveValues  # (N,) characteristic slip [m]
+    normal: PositiveValues  # (N,) effective normal stress, compression is positive [Pa]
+    cell: Positive  # length of a cell [m]
+    mu0: Bounded = 0.6  # steady friction at v0
+    v0: Positive = 1e-6  # [m/s]
+    law: EvolutionLaw = "aging"
+    form: Form = "regularized"
+    shear: Shear = "antiplane"
+    shear_modulus: Positive = 32.04e9  # [Pa]
+    wave_speed: Unbounded = 3464.0  # speed of shear waves; infinite: no radiation damping [m/s]
+    poisson: Poisson = 0.25  # Poisson's ratio, for in-plane shear
+    plate_rate: NotNegative = 1e-9  # slip velocity of the plane outside the cells, or of the plates [m/s]
+    boundary: Boundary = "surface"
     thickness: float = np.inf  # thickness of each plate, for a periodic fault [m]
-    v1: float = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
-    v2: float = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
+    v1: Unbounded = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
+    v2: Unbounded = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
     b2: np.ndarray | float = 0.0  # (N,) or a number, evolution effect of a second state
     dc2: np.ndarray | float = 1.0  # (N,) or a number, characteristic slip of this state; has no effect if b2 = 0 [m]
-    alpha: float = 0.0  # effect of changes of the normal stress on the states
+    alpha: NotNegative = 0.0  # effect of changes of the normal stress on the states
     changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # imposed changes of the normal stress over time
-    dip: float = 90.0  # dip of a fault that reaches the surface, for in-plane shear [degrees]
-    slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
+    dip: Dip = 90.0  # dip of a fault that reaches the surface, for in-plane shear [degrees]
+    slip: Slip = "thrust"  # direction of in-plane slip at the surface
 
     def check_entries(self) -> None:
-        """Raise an error if an entry has a wrong type, shape or name."""
+        """Raise an error if an entry, or a combination of entries, is not allowed, or if cells are too long."""
         check_types(self)
-        choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES, "slip": SENSES}
-        for name, allowed in choices.items():
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"{name} must be {' or '.join(map(repr, allowed))}, got {getattr(self, name)!r}")
+        ALL_NOT_NEGATIVE.check("b2", self.b2)
+        ALL_POSITIVE.check("dc2", self.dc2)
+        check_variant(self, self.evolution)
+        _check_geometry(self)
+        _check_cells(self)
 
     @property
     def modulus(self) -> float:
@@ -126,7 +132,7 @@ class Fault(NamedTuple):
     @property
     def sense(self) -> int:
         """1 for a thrust fault, −1 for a normal fault."""
-        return SENSES[self.slip]
+        return 1 if self.slip == "thrust" else -1
 
     def normal_at(self, time: float, excess_slip: np.ndarray | None = None) -> np.ndarray:
         """Effective normal stress (N,) [Pa] at a time [s], including effects of slip in excess of plate motion [m]."""
@@ -158,7 +164,7 @@ class Fault(NamedTuple):
 
 
 @checked
-def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None, **more) -> Fault:
+def line_fault(width: Positive, cell: Positive, *, a, b, dc, normal, b2=0.0, dc2=None, **more) -> Fault:
     """Fault whose properties vary piecewise linearly with depth.
 
     Parameters
@@ -173,7 +179,7 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     Raises
     ------
     ValueError
-        If a parameter is not valid, or if cells are longer than a third of the cohesive length.
+        If cells are longer than a third of the cohesive length.
 
     Examples
     --------
@@ -184,7 +190,6 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     >>> fault
     Fault: antiplane, 400 cells of 100 m, aging law
     """
-    require_positive(width=width, cell=cell)
     if not width / cell <= MOST_CELLS:
         raise ValueError(f"width = {width:g} and cell = {cell:g} give too many cells: use at most {MOST_CELLS:,}")
     number = round(width / cell)
@@ -202,7 +207,7 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     if dc2 is None and (profiles["b2"] > 0).any():
         raise ValueError("b2 requires dc2, the characteristic slip of the second state")
     fault = Fault(depth, cell=cell, **profiles, **more)
-    check_fault(fault)
+    fault.check_entries()
     return fault
 
 
@@ -228,44 +233,6 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
     return np.interp(depth, points[:, 0], points[:, 1])
 
 
-def check_fault(fault: Fault) -> None:
-    """Raise ValueError if a fault is invalid or its cells are too long."""
-    fault.check_entries()
-    for name in ("a", "dc", "normal", "dc2"):
-        _check_values(name, getattr(fault, name), positive=True)
-    for name in ("b", "b2"):
-        _check_values(name, getattr(fault, name), positive=False)
-    require_positive(v0=fault.v0, shear_modulus=fault.shear_modulus)
-    for name in ("plate_rate", "alpha"):
-        if not (getattr(fault, name) >= 0 and np.isfinite(getattr(fault, name))):
-            raise ValueError(f"{name} must be finite and not negative, got {getattr(fault, name)}")
-    if fault.alpha > 0 and not (fault.evolution > 0).all():
-        raise ValueError(f"alpha = {fault.alpha} requires b > 0, because normal stress acts on the state")
-    for change in fault.changes:
-        change.check()
-    if not fault.wave_speed > 0:
-        raise ValueError(f"wave_speed must be positive, got {fault.wave_speed}")
-    if not -1 < fault.poisson < 0.5:
-        raise ValueError(f"poisson must be between −1 and 0.5, got {fault.poisson}")
-    for name in ("v1", "v2"):
-        if not getattr(fault, name) > 0:
-            raise ValueError(f"{name} must be a positive velocity, or inf for no cut-off, got {getattr(fault, name)}")
-    if fault.form == "regularized" and any(fault.cuts):
-        raise ValueError("cut-off velocities require the logarithmic form, not the regularized one")
-    if not np.isfinite(fault.mu0):
-        raise ValueError(f"mu0 must be finite, got {fault.mu0}")
-    _check_geometry(fault)
-    _check_cells(fault)
-
-
-def _check_values(name: str, values, *, positive: bool) -> None:
-    values = np.atleast_1d(np.asarray(values, float))
-    bad = ~np.isfinite(values) | ((values <= 0) if positive else (values < 0))
-    if bad.any():
-        allowed = "positive and finite" if positive else "finite and not negative"
-        raise ValueError(f"{name} must be {allowed}, got {values[bad][0]:g}")
-
-
 def check_normal(fault: Fault, until: float) -> None:
     """Raise ValueError if, before `until` [s], normal stress falls to 0 or becomes too large for the cell length."""
     breaks = [time for change in fault.changes for time in change.breaks if time <= until]
@@ -282,8 +249,6 @@ def check_normal(fault: Fault, until: float) -> None:
 def _check_geometry(fault: Fault) -> None:
     if fault.shear == "in-plane" and fault.boundary == "periodic":
         raise ValueError("boundary must be 'surface' or 'infinite' for in-plane shear, got 'periodic'")
-    if not 0 < fault.dip <= 90:
-        raise ValueError(f"dip must be above 0 and at most 90 degrees, got {fault.dip:g}")
     if not fault.dips and (fault.dip != 90 or fault.slip != "thrust"):
         raise ValueError(
             f"dip = {fault.dip:g} and slip = {fault.slip!r} require in-plane shear and boundary = 'surface', got "
@@ -324,7 +289,7 @@ FIXED = 1.3774  # fixed half-length of nucleation zones, over L_b
 
 
 @checked
-def cohesive_length(modulus: float, b: float, dc: float, normal: float) -> float:
+def cohesive_length(modulus: Positive, b: Positive, dc: Positive, normal: Positive) -> float:
     """Length L_b = G D_c/(b σ) over which stress drops behind the tip of a rupture.
 
     Rubin and Ampuero 2005, doi:10.1029/2005JB003686, equation 7. For in-plane shear, G is divided by 1 − ν.
@@ -334,12 +299,11 @@ def cohesive_length(modulus: float, b: float, dc: float, normal: float) -> float
     >>> print(round(cohesive_length(32.04e9, 0.015, 8e-3, 50e6), 1))
     341.8
     """
-    require_positive(modulus=modulus, b=b, dc=dc, normal=normal)
     return modulus * dc / (b * normal)
 
 
 @checked
-def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: float) -> float:
+def critical_wavelength(modulus: Positive, a: Positive, b: float, dc: Positive, normal: Positive) -> float:
     """Wavelength 2π/k above which steady slip of an infinite fault is unstable; infinite if a ≥ b.
 
     At this wavelength, the stiffness G k/2 of sinusoidal slip equals the critical stiffness (b − a) σ/D_c (see
@@ -352,12 +316,11 @@ def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: f
     >>> print(round(critical_wavelength(32.04e9, 0.010, 0.015, 8e-3, 50e6), 1))
     3221.0
     """
-    require_positive(modulus=modulus, a=a, dc=dc, normal=normal)
     return np.pi * modulus * dc / ((b - a) * normal) if b > a else np.inf
 
 
 @checked
-def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal: float) -> float:
+def nucleation_half_length(modulus: Positive, a: Positive, b: float, dc: Positive, normal: Positive) -> float:
     """Half-length of the nucleation zone with the aging law; infinite if a ≥ b.
 
     For a/b < 0.3781, it is 1.3774 L_b, and zones keep this length while they accelerate. Otherwise they grow towards
@@ -371,7 +334,6 @@ def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal
     >>> print(round(nucleation_half_length(32.04e9, 0.010, 0.015, 8e-3, 50e6), 1))
     979.1
     """
-    require_positive(modulus=modulus, a=a, dc=dc, normal=normal)
     return _half_length(modulus, a, b, dc, dc, normal)
 
 
@@ -402,7 +364,7 @@ class Nucleation(NamedTuple):
 
 
 @checked
-def nucleation(fault: Fault, velocity: float | None = None) -> Nucleation:
+def nucleation(fault: Fault, velocity: Positive | None = None) -> Nucleation:
     """Compare the velocity-weakening part of a fault with the length required for nucleation of an earthquake.
 
     The comparison is a guide: it uses the length of nucleation zones in an infinite body, and counts a zone at the free
@@ -426,9 +388,7 @@ def nucleation(fault: Fault, velocity: float | None = None) -> Nucleation:
     >>> print(nucleation(strong).sentence)
     no earthquake can nucleate: the fault is velocity-strengthening (a ≥ b) everywhere
     """
-    check_fault(fault)
     velocity = fault.plate_rate or fault.v0 if velocity is None else velocity
-    require_positive(velocity=velocity)
     slow, effects = _lengths(fault.sliding_at(velocity)), "b" if fault.states == 1 else "b + b2"
     if any(fault.cuts):
         sentence = _sentence_with_cuts(fault, velocity, slow, f"a ≥ {effects}")

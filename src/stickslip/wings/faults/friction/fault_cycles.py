@@ -4,15 +4,16 @@ The time step is controlled by the embedded Runge–Kutta formula DOP853 of orde
 `python -m benchmarks fault` compares this method with the solvers of SciPy at equal error.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ....kit import Report, check_types, checked, readable, require_positive, require_shape, silent, units_of
-from .fault import Fault, check_fault, check_normal
+from ....kit import Positive, Report, check_types, checked, readable, require_shape, silent, units_of
+from .fault import Fault, check_normal
 from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
 from .fault_state import EXPONENT, NUMBER, STAGES, FaultState, Machine, check_state, initial_state
+from .ranges import allowed
 
 if TYPE_CHECKING:
     import xarray
@@ -80,11 +81,11 @@ class FaultHistory(NamedTuple):
 @checked
 def simulate_fault(
     fault: Fault,
-    years: float,
+    years: Annotated[Positive, allowed(f"at most {MOST_YEARS:g}", lambda years: years <= MOST_YEARS)],
     *,
     start: FaultState | None = None,
     recording: Recording | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: Positive = TOLERANCE,
     report: Report = silent,
 ) -> FaultHistory:
     """Simulate earthquakes and aseismic slip.
@@ -103,8 +104,6 @@ def simulate_fault(
 
     Raises
     ------
-    ValueError
-        If a parameter is not valid.
     RuntimeError
         If the step becomes too small.
 
@@ -115,10 +114,6 @@ def simulate_fault(
     >>> len(friction.simulate_fault(fault, 10.0).events.start)
     0
     """
-    check_fault(fault)
-    require_positive(years=years, tolerance=tolerance)
-    if years > MOST_YEARS:
-        raise ValueError(f"years must be at most {MOST_YEARS:g}, got {years:g}")
     check_normal(fault, years * YEAR)
     recording = recording or Recording()
     check_recording(fault, recording)
@@ -133,10 +128,8 @@ def simulate_fault(
 
 
 def check_recording(fault: Fault, recording: Recording) -> None:
-    """Raise ValueError if stations or intervals are not valid."""
-    intervals = recording._asdict()
-    stations, surface = (np.asarray(intervals.pop(name), float) for name in ("stations", "surface"))
-    require_positive(**intervals)
+    """Raise ValueError if stations or the threshold do not suit a fault."""
+    stations, surface = np.asarray(recording.stations, float), np.asarray(recording.surface, float)
     outside = ~((stations >= 0) & (stations <= fault.width))
     if outside.any():
         raise ValueError(f"stations must be at depths from 0 to {fault.width:g} m, got {stations[outside][0]:g} m")

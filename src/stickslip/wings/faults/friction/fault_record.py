@@ -6,13 +6,14 @@ radiation damping η V. D is the slip of an event and −K Δu its static stress
 quantities are per unit length along strike, because the fault is two-dimensional.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from ....kit import YEAR, Values, checked, pluralize, readable
+from ....kit import YEAR, Positive, Values, checked, pluralize, readable
 from .fault import Fault
 from .fault_state import FaultState, friction_of
+from .ranges import ALL_POSITIVE
 from .stress_transfer import surface_displacement
 
 
@@ -58,7 +59,7 @@ NAMES = FaultEvents._fields
 
 
 @checked
-def moment_magnitude(moment: Values):
+def moment_magnitude(moment: Annotated[Values, ALL_POSITIVE]):
     """Moment magnitude M_w = (2/3) (log10 M₀ − 9.1), with the seismic moment M₀ in N m.
 
     Source
@@ -70,10 +71,7 @@ def moment_magnitude(moment: Values):
     >>> print(round(float(moment_magnitude(1.1e20)), 2))
     7.29
     """
-    moment = np.asarray(moment, float)
-    if (moment <= 0).any():
-        raise ValueError(f"moments must be positive, got {moment.min():g} N m")
-    return 2 / 3 * (np.log10(moment) - 9.1)
+    return 2 / 3 * (np.log10(np.asarray(moment, float)) - 9.1)
 
 
 def crack_stress_drop(fault: Fault, moment: float, length: float, *, surface: bool) -> float:
@@ -139,12 +137,12 @@ class Recording(NamedTuple):
 
     stations: tuple[float, ...] = ()  # depths at which time series are recorded [m]
     surface: tuple[float, ...] = ()  # surface stations: distances from the trace, > 0 on the hanging wall [m]
-    threshold: float = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
-    quiet_sampling: float = 0.1 * YEAR  # time between samples, and longest step if the normal stress changes [s]
-    seismic_sampling: float = 0.1  # time between samples within events [s]
-    quiet_profiles: float = 5 * YEAR  # time between slip profiles, outside and within events [s]
-    seismic_profiles: float = 1.0
-    spacing: float = 500.0  # spacing of the points of a profile [m]
+    threshold: Positive = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
+    quiet_sampling: Positive = 0.1 * YEAR  # time between samples, and longest step if the normal stress changes [s]
+    seismic_sampling: Positive = 0.1  # time between samples within events [s]
+    quiet_profiles: Positive = 5 * YEAR  # time between slip profiles, outside and within events [s]
+    seismic_profiles: Positive = 1.0
+    spacing: Positive = 500.0  # spacing of the points of a profile [m]
 
 
 class Points(NamedTuple):

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import DOP853
 
-from ....kit import Values, checked, core, in_readable_units, readable, require_positive, require_shape
-from .fault import Fault, check_fault
+from ....kit import Positive, Values, checked, core, in_readable_units, readable, require_shape
+from .fault import Fault
 from .laws import EVOLUTIONS, friction
 from .stress_transfer import KERNEL
 
@@ -172,7 +172,7 @@ def friction_of(fault: Fault, log_velocity: np.ndarray, log_states: np.ndarray, 
 
 
 @checked
-def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values | str | None = None) -> FaultState:
+def initial_state(fault: Fault, *, velocity: Positive | None = None, stress: Values | str | None = None) -> FaultState:
     """State in which all cells slip at one velocity under a given shear stress; θ follows from stress balance.
 
     A second state has the same ratio to its steady value as the first.
@@ -186,7 +186,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     Raises
     ------
     ValueError
-        If the velocity or the stress is not positive, or if no θ balances the stress.
+        If the stress is not positive, or if no θ balances it.
 
     Examples
     --------
@@ -196,11 +196,9 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     >>> print(round(initial_state(fault).prestress[0] / 1e6, 6))
     26.546122
     """
-    check_fault(fault)
     if velocity is None and not fault.plate_rate:
         raise ValueError("plate_rate = 0 requires an initial velocity, such as 1e-12 m/s")
     velocity = fault.plate_rate if velocity is None else velocity
-    require_positive(velocity=velocity)
     normal = fault.normal_at(0.0)
     steady = steady_stress(fault._replace(normal=normal), velocity)
     if isinstance(stress, str) and stress != "steady":

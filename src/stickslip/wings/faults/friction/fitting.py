@@ -158,8 +158,6 @@ def fit(
 
     Raises
     ------
-    ValueError
-        If the input is not valid.
     RuntimeError
         If the slider runs away with all parameters that were tried.
 

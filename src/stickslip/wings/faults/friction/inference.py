@@ -73,8 +73,6 @@ def posterior(
 
     Raises
     ------
-    ValueError
-        If the input is not valid.
     RuntimeError
         If draws would not represent the posterior: the data do not determine all parameters, residuals vary as slowly
         as the signal, or the chain is shorter than 50 autocorrelation times.

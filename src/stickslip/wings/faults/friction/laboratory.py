@@ -6,12 +6,14 @@ Measurements are steady means with standard errors, peaks after holds, healing a
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
 
 from ....kit import (
+    POSITIVE,
+    Positive,
     Series,
     check_types,
     checked,
@@ -20,14 +22,13 @@ from ....kit import (
     laboratory_table,
     pluralize,
     readable,
-    require_filled,
     require_not_negative,
-    require_positive,
     require_shape,
     write_table,
 )
 from .fitting import Data
 from .loads import LoadStep, check_times, contradiction, find_steps, leg_arrays, load_steps, stated_steps, with_normal
+from .ranges import PositiveSeries
 
 EXAMPLE, NUMBERED = "time [s], load_point [um], friction [-]", "--columns 'time [s]=0,load_point [um]=1,friction=2'"
 WANTED = laboratory_table.Wanted(
@@ -43,7 +44,7 @@ CROOKED = 0.2  # straight legs per sample above which a displacement counts as n
 class LabRecord(NamedTuple):
     """A record of N samples in metres, seconds and pascals; missing columns are None."""
 
-    time: np.ndarray  # (N,) [s]
+    time: Series  # (N,) [s]
     friction: np.ndarray  # (N,) [1]
     load_point: np.ndarray | None = None  # (N,) [m]
     normal_stress: np.ndarray | None = None  # (N,) [Pa]
@@ -202,7 +203,6 @@ def record_data(
     before : slip velocity before the record, if it does not start with steady sliding [m/s]
     normal : True to include changes of normal stress relative to its initial value (alpha of Linker and Dieterich)
     """
-    require_filled("record.time", record.time)
     time = np.asarray(record.time, float) - record.time[0]
     if record.load_point is None and velocity is None:
         return Data(time, record.friction, velocity=record.velocity, before=before)
@@ -345,7 +345,7 @@ def steady_mean(values: Series) -> Mean:
 
 
 @checked
-def steady_start(values: Series, *, batch: int = 5) -> int:
+def steady_start(values: Series, *, batch: Annotated[int, POSITIVE] = 5) -> int:
     """Index from which a series with an initial transient can be considered steady.
 
     The cut d minimises Σ_{i≥d} (x_i − mean)²/(N − d)², computed from means of `batch` values, and removes at most half
@@ -355,7 +355,6 @@ def steady_start(values: Series, *, batch: int = 5) -> int:
     ----------
     values : (N,), evenly sampled
     """
-    require_positive(batch=batch)
     batch = int(batch)  # True becomes 1
     x = _check_series(values, least=4 * batch)
     means = x[: len(x) // batch * batch].reshape(-1, batch).mean(axis=1)[::-1]
@@ -366,20 +365,18 @@ def steady_start(values: Series, *, batch: int = 5) -> int:
 
 
 @checked
-def healing(hold: Series, excess: Series) -> Healing:
+def healing(hold: PositiveSeries, excess: Series) -> Healing:
     """Least-squares fit of the peak excess against ln(hold time), with the 95 % interval of Student's t distribution.
 
     Parameters
     ----------
-    hold : (K,) positive, K ≥ 3 [time]
+    hold : (K,) K ≥ 3 [time]
     excess : (K,) peak friction above steady friction
     """
     hold, excess = np.asarray(hold, float), np.asarray(excess, float)
     require_shape(hold.shape, excess=excess)
     if len(np.unique(hold)) < 3:
         raise ValueError(f"a fit with an interval needs three different holds, got {len(np.unique(hold))}")
-    if not (np.isfinite(excess).all() and (hold > 0).all() and np.isfinite(hold).all()):
-        raise ValueError("holds must be positive and finite, and peaks must be finite: leave out the others")
     x = np.log(hold) - np.log(hold).mean()
     slope = float(x @ excess / (x @ x))
     rest = excess - excess.mean() - slope * x
@@ -390,7 +387,7 @@ def healing(hold: Series, excess: Series) -> Healing:
 
 
 @checked
-def hold_response(time: Series, friction: Series, legs: Iterable[LoadStep], *, before: float = 0.2) -> HoldResponse:
+def hold_response(time: Series, friction: Series, legs: Iterable[LoadStep], *, before: Positive = 0.2) -> HoldResponse:
     """Drop of friction during each hold of a record, and the peak after it.
 
     Parameters
@@ -403,7 +400,6 @@ def hold_response(time: Series, friction: Series, legs: Iterable[LoadStep], *, b
     time, friction, ends = np.asarray(time, float), np.asarray(friction, float), np.cumsum(leg_arrays(legs)[0])
     if friction.shape != time.shape:
         raise ValueError(f"friction must have one value per time, got shapes {friction.shape} and {time.shape}")
-    require_positive(before=before)
     drops = []
     for k in range(1, len(legs) - 1):
         if legs[k].velocity != 0.0:

@@ -12,13 +12,16 @@ benchmarks rate_state` compares the speed of the integrator with that of LSODA.
 
 from collections.abc import Iterable
 from enum import Enum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ....kit import Selfcheck, Series, check_types, checked, core, readable, require_positive
+from ....kit import NotNegative, Positive, Selfcheck, Series, check_types, checked, core, readable
 from .loads import LoadStep, check_times, leg_arrays, slide_hold_slide
+from .ranges import Bounded, NotNegativeSeries, Unbounded
 
+EvolutionLaw = Literal["aging", "slip"]
+Form = Literal["logarithmic", "regularized"]
 EVOLUTIONS = {"aging": 0, "slip": 1}
 REFERENCES = {"aging": ("Dieterich1979", "Ruina1983"), "slip": ("Ruina1983",)}  # keys of references.bib
 FORMS = {"logarithmic": 0, "regularized": 1}
@@ -149,28 +152,39 @@ class RateState(NamedTuple):
     0.0
     """
 
-    a: float
-    b: float
-    dc: float  # [length]
-    mu0: float = 0.6
-    v0: float = 1e-6  # velocity at which steady friction is mu0 [length/time]
-    law: str = "aging"  # or "slip"
-    alpha: float = 0.0
-    form: str = "logarithmic"  # or "regularized"
-    b2: float = 0.0  # evolution effect of a second state
-    dc2: float = 1.0  # characteristic slip of the second state; has no effect if b2 = 0 [length]
-    v1: float = np.inf  # cut-off velocity of the direct effect [length/time]
-    v2: float = np.inf  # cut-off velocity of the evolution effect [length/time]
+    a: Positive
+    b: NotNegative
+    dc: Positive  # [length]
+    mu0: Bounded = 0.6
+    v0: Positive = 1e-6  # velocity at which steady friction is mu0 [length/time]
+    law: EvolutionLaw = "aging"
+    alpha: NotNegative = 0.0
+    form: Form = "logarithmic"
+    b2: NotNegative = 0.0  # evolution effect of a second state
+    dc2: Positive = 1.0  # characteristic slip of the second state; has no effect if b2 = 0 [length]
+    v1: Unbounded = np.inf  # cut-off velocity of the direct effect [length/time]
+    v2: Unbounded = np.inf  # cut-off velocity of the evolution effect [length/time]
 
-    check_entries = check_types
+    def check_entries(self) -> None:
+        """Raise an error if an entry, or a combination of entries, is not allowed."""
+        check_types(self)
+        check_variant(self, self.b + self.b2)
+
+
+def check_variant(surface, evolution) -> None:
+    """Raise ValueError if cut-off velocities or alpha do not agree with the form and the evolution effects."""
+    if surface.form == "regularized" and not np.isinf([surface.v1, surface.v2]).all():
+        raise ValueError("cut-off velocities require the logarithmic form, not the regularized one")
+    if surface.alpha > 0 and not np.all(evolution > 0):
+        raise ValueError(f"alpha = {surface.alpha} requires b > 0, because normal stress acts on the state")
 
 
 @readable
 class Spring(NamedTuple):
     """Spring that drives the slider: n μ = k (x_lp − x) − η V, where n is the normal stress over a reference value."""
 
-    stiffness: float  # k: stress per displacement, divided by the reference normal stress [1/length]
-    damping: float = 0.0  # η: radiation damping over the reference normal stress; 0: quasi-static motion [time/length]
+    stiffness: Positive  # k: stress per displacement, divided by the reference normal stress [1/length]
+    damping: NotNegative = 0.0  # η: radiation damping over the reference normal stress; 0: quasi-static [time/length]
 
     check_entries = check_types
 
@@ -204,28 +218,6 @@ class SlipHistory(NamedTuple):
         return self.end is End.DONE
 
 
-def check(rs: RateState) -> None:
-    """Raise ValueError if the parameters of a surface are not valid."""
-    for name, allowed in (("law", EVOLUTIONS), ("form", FORMS)):
-        if getattr(rs, name) not in allowed:
-            raise ValueError(f"{name} must be {' or '.join(map(repr, allowed))}, got {getattr(rs, name)!r}")
-    for name in ("a", "dc", "v0", "dc2"):
-        if not (getattr(rs, name) > 0 and np.isfinite(getattr(rs, name))):
-            raise ValueError(f"{name} must be positive and finite, got {getattr(rs, name)}")
-    for name in ("v1", "v2"):
-        if not getattr(rs, name) > 0:
-            raise ValueError(f"{name} must be a positive velocity, or inf for no cut-off, got {getattr(rs, name)}")
-    if rs.form == "regularized" and not np.isinf([rs.v1, rs.v2]).all():
-        raise ValueError("cut-off velocities require the logarithmic form, not the regularized one")
-    for name in ("b", "alpha", "b2"):
-        if not (getattr(rs, name) >= 0 and np.isfinite(getattr(rs, name))):
-            raise ValueError(f"{name} must be finite and not negative, got {getattr(rs, name)}")
-    if not np.isfinite(rs.mu0):
-        raise ValueError(f"mu0 must be finite, got {rs.mu0}")
-    if rs.alpha > 0 and rs.b + rs.b2 == 0:
-        raise ValueError(f"alpha = {rs.alpha} requires b > 0, because normal stress acts on the state")
-
-
 @checked
 def spring_slider(
     rs: RateState,
@@ -234,8 +226,8 @@ def spring_slider(
     *,
     times: Series | None = None,
     before: float | None = None,
-    theta: float | None = None,
-    tolerance: float = 1e-10,
+    theta: Positive | None = None,
+    tolerance: Positive = 1e-10,
 ) -> SlipHistory:
     """History of a slider pulled by a spring.
 
@@ -251,10 +243,11 @@ def spring_slider(
     theta : initial state; default: the steady state D_c/V. A second state starts at the same ratio to its steady value
         [time]
     tolerance : tolerated error of ln V and ln θ per step
-    Raises
-    ------
-    ValueError
-        If parameters, legs or times are not valid. Runaway slip is not an error; see `SlipHistory.end`.
+
+    Returns
+    -------
+    SlipHistory
+        Runaway slip is not an error; see `SlipHistory.end`.
 
     Examples
     --------
@@ -265,16 +258,11 @@ def spring_slider(
     >>> print(round(h.friction[-1] - h.friction[0], 6))  # (a − b) ln 10
     -0.011513
     """
-    check(rs)
     arrays = leg_arrays(legs)
     duration, velocity, normal = arrays
-    check_spring(spring)
-    require_positive(tolerance=tolerance)
     start = float(velocity[0]) if before is None else before
     if not (start > 0 and np.isfinite(start)):
         raise ValueError(f"slip starts at the velocity {start}: give `before`, the positive slip velocity at the start")
-    if theta is not None and not (theta > 0 and np.isfinite(theta)):
-        raise ValueError(f"theta must be positive and finite, got {theta}")
     ends = np.cumsum(duration)
     if times is None:
         share = np.unique(np.r_[np.geomspace(EARLY, 1.0, POINTS), np.linspace(0, 1, POINTS + 1)[1:]])
@@ -303,14 +291,6 @@ def slider_of(rs: RateState, spring: Spring) -> Slider:
     return build_slider({**rs._asdict(), **spring._asdict()}, rs.law, rs.form)
 
 
-def check_spring(spring: Spring) -> None:
-    """Raise ValueError if the parameters of a spring are not valid."""
-    if not (spring.stiffness > 0 and np.isfinite(spring.stiffness)):
-        raise ValueError(f"stiffness must be positive and finite [1/length], got {spring.stiffness}")
-    if not (spring.damping >= 0 and np.isfinite(spring.damping)):
-        raise ValueError(f"damping must be 0 (quasi-static) or positive and finite, got {spring.damping}")
-
-
 def _second_state(rs: RateState, g: np.ndarray) -> np.ndarray | None:
     return rs.dc2 / rs.v0 * np.exp(g) if rs.b2 > 0 else None
 
@@ -326,7 +306,9 @@ def _times_within(times, end: float) -> np.ndarray:
 
 
 @checked
-def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | None = None) -> SlipHistory:
+def prescribed(
+    rs: RateState, time: Series, velocity: NotNegativeSeries, *, theta: Positive | None = None
+) -> SlipHistory:
     """Friction of a surface under a prescribed, piecewise constant slip velocity.
 
     The state is exact in each piece of constant V. With the aging law, θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t
@@ -345,14 +327,10 @@ def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | 
     SlipHistory
         at the N ends of the pieces; `load_point` is the slip.
     """
-    check(rs)
     time, velocity = np.asarray(time, float), np.asarray(velocity, float)
     check_times(time)
     if velocity.shape != (len(time) - 1,):
         raise ValueError(f"velocity has shape {velocity.shape} for {len(time)} times: give {len(time) - 1} velocities")
-    if not (np.isfinite(velocity).all() and (velocity >= 0).all()):
-        worst = velocity[np.flatnonzero(~(velocity >= 0))[:1]]
-        raise ValueError(f"slip velocities must be finite and not negative, got {worst}")
     if theta is None and velocity[0] == 0:
         raise ValueError("slip starts with velocity 0, where no state is steady: give theta")
     start = rs.dc / velocity[0] if theta is None else theta
@@ -371,7 +349,6 @@ def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | 
 
 def friction_of(rs: RateState, velocity, theta, theta2=None):
     """Friction coefficient at a slip velocity and a state, computed with NumPy."""
-    check(rs)
     v = np.asarray(velocity, float)
     states = [(rs.b, rs.v0 * np.asarray(theta, float) / rs.dc)]
     states += [(rs.b2, rs.v0 * np.asarray(theta2, float) / rs.dc2)] if theta2 is not None else []
@@ -392,7 +369,6 @@ def steady_friction(rs: RateState, velocity):
     >>> print(round(steady_friction(RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02), 0.2) - 0.4, 5))
     0.01589
     """
-    check(rs)
     v = np.asarray(velocity, float)
     w, b = np.log(v / rs.v0), rs.b + rs.b2
     if rs.form == "regularized":
@@ -433,7 +409,6 @@ def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.
     >>> print(round(critical_stiffness(RateState(0.010, 0.015, 1e-5)), 6))
     500.0
     """
-    check(rs)
     direct, slope, slope2 = steady_slopes(rs, velocity or rs.v0)
     direct += damping * velocity
     if rs.b2 == 0:
@@ -454,7 +429,7 @@ def steady_slopes(rs: RateState, velocity: float) -> tuple[float, float, float]:
 
 
 @checked
-def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
+def steady_sliding(rs: RateState, spring: Spring, velocity: Positive) -> Sliding:
     """Stability of steady sliding at V: eigenvalues of the linearised equations for ln V and ln θ.
 
     For the usual law, trace = (V/D_c) [(b − k D_c)/(a + ηV) − 1] and determinant = k V²/[D_c (a + ηV)] > 0; at k = k_c
@@ -471,10 +446,6 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     0.005
     (False, None)
     """
-    check(rs)
-    check_spring(spring)
-    if not (velocity > 0 and np.isfinite(velocity)):
-        raise ValueError(f"velocity must be positive and finite for steady sliding, got {velocity}")
     w = np.log(velocity / rs.v0)
     matrix = rates(slider_of(rs, spring), (w, -w, -w), velocity, 1.0)[1].astype(complex)
     values = np.linalg.eigvals(matrix if rs.b2 > 0 else matrix[:2, :2])

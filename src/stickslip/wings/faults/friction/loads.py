@@ -7,25 +7,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import Series, checked, laboratory_table, readable, require_positive, require_shape
+from ....kit import Positive, Series, checked, laboratory_table, readable, require_shape
+from .ranges import Bounded, PositiveSeries
 
 
 @readable
 class LoadStep(NamedTuple):
     """One leg of a load history, with constant velocity of the load point."""
 
-    duration: float  # [time]
-    velocity: float  # velocity of the load point; 0 in a hold [length/time]
-    normal: float = 1.0  # normal stress over its reference value
+    duration: Positive  # [time]
+    velocity: Bounded  # velocity of the load point; 0 in a hold [length/time]
+    normal: Positive = 1.0  # normal stress over its reference value
 
 
 @checked
-def velocity_steps(velocities: Series, *, distance: float) -> tuple[LoadStep, ...]:
+def velocity_steps(velocities: PositiveSeries, *, distance: Positive) -> tuple[LoadStep, ...]:
     """Legs at successive velocities with equal load-point displacements.
 
     Parameters
     ----------
-    velocities : [length/time] (K,), positive
+    velocities : [length/time] (K,)
     distance : [length] displacement of each leg
 
     Examples
@@ -33,15 +34,12 @@ def velocity_steps(velocities: Series, *, distance: float) -> tuple[LoadStep, ..
     >>> velocity_steps([1e-6, 1e-5], distance=1e-4)[1]
     LoadStep: duration = 10; velocity = 1e-05; normal = 1
     """
-    require_positive(distance=distance)
-    for v in velocities:
-        require_positive(velocity=v)
     return tuple(LoadStep(float(distance / v), float(v)) for v in velocities)
 
 
 @checked
 def slide_hold_slide(
-    holds: Series, *, velocity: float, distance: float, reslide: float | None = None
+    holds: PositiveSeries, *, velocity: Positive, distance: Positive, reslide: Positive | None = None
 ) -> tuple[LoadStep, ...]:
     """Legs of a slide-hold-slide test that begins and ends with sliding.
 
@@ -59,10 +57,8 @@ def slide_hold_slide(
     [1e-05, 0.0, 1e-05, 0.0, 1e-05]
     """
     again = velocity if reslide is None else reslide
-    require_positive(velocity=velocity, reslide=again, distance=distance)
     legs = [LoadStep(float(distance / velocity), float(velocity))]
     for hold in holds:
-        require_positive(hold=hold)
         legs += [LoadStep(float(hold), 0.0), LoadStep(float(distance / again), float(again))]
     return tuple(legs)
 
@@ -114,20 +110,10 @@ def _end_of_line(time, place, factor, first: int, slack: float) -> int:
 
 
 def leg_arrays(legs) -> np.ndarray:
-    """Check legs and return their durations, velocities and factors of the normal stress (3, L)."""
-    try:
-        table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
-    except (TypeError, ValueError):
-        raise ValueError("a leg must consist of numbers: give LoadStep(duration, velocity)") from None
+    """Durations, velocities and factors of the normal stress (3, L) of legs."""
+    table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
     if len(table) == 0:
         raise ValueError("a load history needs at least one LoadStep(duration, velocity)")
-    for k, (duration, velocity, normal) in enumerate(table, start=1):
-        if not (duration > 0 and np.isfinite(duration)):
-            raise ValueError(f"leg {k} lasts {duration:g}: every leg needs a positive duration")
-        if not np.isfinite(velocity):
-            raise ValueError(f"leg {k} has the velocity {velocity:g}: give a finite one, 0 for a hold")
-        if not (normal > 0 and np.isfinite(normal)):
-            raise ValueError(f"leg {k} has {normal:g} times the reference normal stress: give a positive factor")
     return np.ascontiguousarray(table.T)
 
 

@@ -28,14 +28,15 @@ at which time steps end.
 import csv
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy import fft, sparse
 from scipy.special import erfc
 
-from ....kit import Array, Series, check_types, checked, core, read_text, readable, require_positive
+from ....kit import Array, NotNegative, Positive, Series, check_types, checked, core, read_text, readable
+from .ranges import Bounded
 
 
 def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -97,7 +98,7 @@ def surface_displacement(x, ends, dip: float) -> np.ndarray:
 
 
 KERNEL = "band-limited"  # continuation of slip between the centres of cells
-BOUNDARIES = ("surface", "infinite", "periodic")
+Boundary = Literal["surface", "infinite", "periodic"]
 
 
 class StressTransfer(NamedTuple):
@@ -281,24 +282,18 @@ class Injection(NamedTuple):
     6.555 MPa
     """
 
-    flux: float  # q, volume per time and cross-sectional area of the fault; half of it flows to each side [m/s]
-    storage: float  # S = φ β, porosity × compressibility of pores and fluid [1/Pa]
-    diffusivity: float  # c, hydraulic diffusivity [m²/s]
+    flux: Positive  # q, volume per time and cross-sectional area of the fault; half of it flows to each side [m/s]
+    storage: Positive  # S = φ β, porosity × compressibility of pores and fluid [1/Pa]
+    diffusivity: Positive  # c, hydraulic diffusivity [m²/s]
     stop: float = np.inf  # end of the injection [s]
-    start: float = 0.0  # [s]
-    at: float = 0.0  # depth of the source, or its position along the fault [m]
+    start: NotNegative = 0.0  # [s]
+    at: Bounded = 0.0  # depth of the source, or its position along the fault [m]
 
-    check_entries = check_types
-
-    def check(self) -> None:
-        """Raise ValueError if a field is not valid."""
-        self.check_entries()
-        require_positive(flux=self.flux, storage=self.storage, diffusivity=self.diffusivity)
-        if not (0 <= self.start < self.stop and np.isfinite(self.at)):
-            raise ValueError(
-                "an injection needs a start that is not negative, a later end and a finite position, got "
-                f"{self.start:g} to {self.stop:g} s at {self.at:g} m"
-            )
+    def check_entries(self) -> None:
+        """Raise an error if a field is not valid."""
+        check_types(self)
+        if not self.start < self.stop:
+            raise ValueError(f"an injection must end after its start, got {self.start:g} to {self.stop:g} s")
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -325,15 +320,10 @@ class Injection(NamedTuple):
 class Oscillation(NamedTuple):
     """Oscillation A sin(2πt/T) added to the normal stress everywhere, such as that due to tides."""
 
-    amplitude: float  # A [Pa]
-    period: float  # T [s]
+    amplitude: Positive  # A [Pa]
+    period: Positive  # T [s]
 
     check_entries = check_types
-
-    def check(self) -> None:
-        """Raise ValueError if a field is not valid."""
-        self.check_entries()
-        require_positive(amplitude=self.amplitude, period=self.period)
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -362,26 +352,17 @@ class StressTable(NamedTuple):
     depth: Series  # (D,) increasing [m]
     values: Annotated[Any, Array((2,))]  # (K, D) changes of normal stress; a pore pressure counts as negative [Pa]
 
-    check_entries = check_types
+    def check_entries(self) -> None:
+        """Raise an error if the table is not valid."""
+        check_types(self)
+        for name, axis in (("times", self.time), ("depths", self.depth)):
+            if (np.diff(axis) <= 0).any():
+                raise ValueError(f"the {name} of a table of normal stress do not increase: sort the {name}")
 
     @property
     def breaks(self) -> tuple[float, ...]:
         """All times of the table [s]."""
         return tuple(np.asarray(self.time, float).tolist())
-
-    def check(self) -> None:
-        """Raise ValueError if the table is not valid."""
-        self.check_entries()
-        for name, axis in (("times", self.time), ("depths", self.depth)):
-            axis = np.asarray(axis, float)
-            if axis.ndim != 1 or not len(axis) or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
-                raise ValueError(f"the {name} of a table of normal stress do not increase: use finite, sorted {name}")
-        shape, values = (len(self.time), len(self.depth)), np.asarray(self.values, float)
-        if values.shape != shape or not np.isfinite(values).all():
-            raise ValueError(
-                f"a table of normal stress has {shape[0]} times, {shape[1]} depths and values of the shape "
-                f"{values.shape}: use a finite value for each time and depth"
-            )
 
     def change(self, depth: np.ndarray, time: float) -> np.ndarray:
         """Change of the normal stress (N,) [Pa]."""
@@ -419,7 +400,7 @@ def read_stress_table(path: str | Path) -> StressTable:
             f"text, then rows with a time in s and changes of normal stress in Pa"
         ) from None
     try:
-        table.check()
+        table.check_entries()
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
     return table

@@ -6,32 +6,26 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from ....kit import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Size
-from ..friction.laws import RateState
+from ..friction.laws import EvolutionLaw, Form, RateState
 
 
 class Surface(ScenarioTable):
     """Friction of the surface: μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), or a variant."""
 
-    law: Literal["aging", "slip"] = Field("slip", description="evolution law of the state θ")
+    law: EvolutionLaw = Field("slip", description="evolution law of the state θ")
     a: Positive = Field(0.0247, description="direct effect; defaults of a, b and dc are those of Ferdowsi & Rubin 2021")
     b: NotNegative = Field(0.0178, description="evolution effect")
     dc: Positive = Field(5.3e-3, description="characteristic slip of the state evolution [m]")
     mu0: Finite = Field(0.4, description="steady-state friction at v0")
     v0: Positive = Field(0.02, description="velocity at which steady-state friction is mu0 [m/s]")
     alpha: NotNegative = Field(0.0, description="effect of normal-stress changes on the state (Linker and Dieterich)")
-    form: Literal["logarithmic", "regularized"] = Field(
+    form: Form = Field(
         "logarithmic", description="dependence of friction on velocity: logarithmic, or regularized at rest by arcsinh"
     )
     b2: NotNegative = Field(0.0, description="evolution effect of a second state; 0: one state")
     dc2: Positive = Field(0.1, description="characteristic slip of the second state [m]")
     v1: Positive | None = Field(None, description="cut-off velocity of the direct effect; default: none [m/s]")
     v2: Positive | None = Field(None, description="cut-off velocity of the evolution effect; default: none [m/s]")
-
-    @model_validator(mode="after")
-    def _check_form(self):
-        if self.form == "regularized" and (self.v1 or self.v2):
-            raise ValueError('v1 and v2 require form = "logarithmic": set it, or leave them out')
-        return self
 
     @property
     def rate_state(self) -> RateState:
@@ -105,6 +99,5 @@ class RateStateScenario(ScenarioBase):
     def _check_start(self):
         if self.legs[0].velocity == 0:
             raise ValueError("the first leg is a hold: start with a leg of steady sliding at positive velocity")
-        if self.surface.alpha > 0 and self.surface.b + self.surface.b2 == 0:
-            raise ValueError("surface.alpha acts through the state variable: set surface.b > 0, or omit alpha")
+        self.surface.rate_state.check_entries()
         return self
