@@ -31,7 +31,6 @@ def test_rows_give_values_units_and_meanings():
     assert table["stress"].axis == (r"$\sigma$", "force/length^(dim-1)") and table["seed"].axis == "seed"
     assert table.columns(samples(1, 2))["stress"].tolist() == [10.0, 20.0] and Quantities([]).columns([]) == {}
     assert np.isnan(table["stress"].at(Made(packed=None))["stress"])
-    assert table.fields(samples(1)[0]).units["damping@last"] == "1"
     with pytest.raises(ValueError, match="same name: seed, seed"):
         Quantities([SAMPLE[0], SAMPLE[0]])
 

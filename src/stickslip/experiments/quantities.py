@@ -20,7 +20,7 @@ import scipy  # scipy.special is imported on first use, as this takes a tenth of
 
 from ..core.readable import words
 from ..core.tables import write_table
-from ..core.units import Fields, heading, in_readable_units, meanings_of, unit_name, units_of
+from ..core.units import heading, in_readable_units, meanings_of, unit_name, units_of
 
 NAN = float("nan")
 ERROR = "_error"  # ending of the name of the half-width of a 95 % interval
@@ -119,11 +119,6 @@ class Quantities(dict[str, Quantity]):
         rows = [self.of(subject) for subject in subjects]
         return {name: np.array([row.get(name, NAN) for row in rows]) for name in dict.fromkeys(chain(*rows))}
 
-    def fields(self, subject) -> Fields:
-        """Values of a subject with their units, for an archive."""
-        values = self.of(subject)
-        return Fields(values, **{name: self.row(name).unit for name in values})
-
     def write(self, path: Path, subjects: Iterable, **options) -> None:
         """Write a CSV file with a row for each subject or each instant of its series; `options` as in `write_table`."""
         tables = [self.of(subject) for subject in subjects]
@@ -143,10 +138,15 @@ class Quantities(dict[str, Quantity]):
         show_table(table)
 
 
-def quantities_of(kind: type, *names: str) -> Quantities:
-    """Fields of a NamedTuple, all or only those named, with units and meanings from the comments on them."""
-    units, meanings = units_of(kind), meanings_of(kind)
-    return Quantities(Quantity(name, units.get(name, "1"), meanings.get(name, "")) for name in names or kind._fields)
+def quantities_of(kind: type, *names: str, of: Callable[[str], Callable | str] = str, **labels: str) -> Quantities:
+    """Fields of a NamedTuple, all or those named or labelled, with units and meanings from the comments on them.
+
+    `of` returns `Quantity.of` for the name of a field: `"series.{}".format` for the field of an attribute `series`.
+    """
+    units, meanings, names = units_of(kind), meanings_of(kind), (*names, *labels) or kind._fields
+    return Quantities(
+        Quantity(name, units.get(name, "1"), meanings.get(name, ""), of(name), labels.get(name, "")) for name in names
+    )
 
 
 def _cell(value) -> str:

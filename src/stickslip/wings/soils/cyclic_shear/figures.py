@@ -24,13 +24,10 @@ from ....kit import (
     styled,
     subplots,
 )
-from .simulate import CYCLE
+from .simulate import CYCLE, PARTS
 
 _Table = Annotated[Any, Result("table of the last cycles", keys=("amplitude", "G_ratio", "damping"))]
-PARTS = {
-    "sliding": BLUE, "rolling": GREEN, "dashpots": ORANGE, "drag": RED, "nonpotential": PURPLE, "stored": SKY,
-    "normal": "0.6", "residual": BLACK,
-}  # fmt: skip
+SHADES = dict(zip(PARTS, (BLUE, GREEN, ORANGE, RED, PURPLE, SKY, "0.6", BLACK), strict=True))
 WORDS = {"nonpotential": "changed springs", "normal": r"less work of $\sigma_{yy}$"}
 MARKERS = {"elastic": "o", "reversible": "s", "periodic": "D", "irreversible": "x", "undecided": "+"}
 GREY = "0.85"
@@ -107,19 +104,17 @@ def complex_modulus(tables: list[_Table], scales: list[float]):
 
 
 @styled
-def work(table: _Table, parts: tuple[str, ...]):
+def work(table: _Table):
     """Contributions to the area of the last loop at each amplitude: stacked bars, negative ones below zero."""
     figure, axes = column_axes(1, 2.8)
     clear = np.isfinite(table["sliding"])
     place = np.arange(clear.sum())
     above, below = np.zeros(len(place)), np.zeros(len(place))
-    for name in parts:
+    for name, color in SHADES.items():
         share = table[name][clear]
         if not np.abs(share).max(initial=0.0) > 1e-4:
             continue
-        axes.bar(
-            place, share, 0.7, bottom=np.where(share > 0, above, below), color=PARTS[name], label=WORDS.get(name, name)
-        )
+        axes.bar(place, share, 0.7, bottom=np.where(share > 0, above, below), color=color, label=WORDS.get(name, name))
         above, below = above + np.maximum(share, 0), below + np.minimum(share, 0)
     axes.axhline(0, color=BLACK, lw=0.5)
     label_axes(axes, x=CYCLE["amplitude"].axis, y="fraction of the area of the loop")

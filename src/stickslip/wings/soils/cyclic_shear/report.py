@@ -18,7 +18,6 @@ from .simulate import (
     ELASTIC,
     LOOP,
     NAN,
-    PARTS,
     RETURNED,
     STRESS,
     CyclicRun,
@@ -204,7 +203,7 @@ def figures(result: CyclicShearResult):
         sands = {"amplitude": gamma} | band(sample.pressure, gamma)
     yield "fig2_modulus_and_damping.png", figures_of.modulus_and_damping(tables, sands)
     yield "fig3_moduli.png", figures_of.complex_modulus(tables, [largest_modulus(run) for run in result.runs])
-    yield "fig4_work.png", figures_of.work(tables[0], tuple(PARTS))
+    yield "fig4_work.png", figures_of.work(tables[0])
     returns = {r.amplitude: np.diagonal(r.distance, 1) for r in first.responses}
     kinds = {r.amplitude: kind_of(r) for r in first.responses}
     yield "fig5_return.png", figures_of.returns(returns, kinds)

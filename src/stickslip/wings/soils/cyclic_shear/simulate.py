@@ -15,6 +15,7 @@ import numpy as np
 from .... import Law, NotInEquilibriumError, State
 from ....kit import (
     Checkpoint,
+    Fields,
     PathLedger,
     Quantities,
     Quantity,
@@ -27,6 +28,7 @@ from ....kit import (
     least_supports,
     load_or_compute,
     make_law,
+    quantities_of,
     readable,
     result_of,
     run_realizations,
@@ -52,34 +54,28 @@ SHEAR = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # displac
 
 
 class Cycle(NamedTuple):
-    """One cycle of T steps; rows are equilibria, the first at the start of the cycle."""
+    """One cycle of T steps."""
 
-    gamma: np.ndarray  # (T + 1,) shear strain
-    tau: np.ndarray  # (T + 1,) −σ_xy [force/length^(dim−1)]
-    normal: np.ndarray  # (T + 1,) σ_yy [force/length^(dim−1)]
-    pressure: np.ndarray  # (T + 1,) [force/length^(dim−1)]
-    height: np.ndarray  # (T + 1,) ε_yy, compression positive, which is the volumetric strain
-    rearranged: np.ndarray  # (T + 1,) bool, True if dynamics was needed to find the equilibrium
-    energies: np.ndarray  # (T + 1, 11) columns of `Ledger`, over the volume of the sample [energy/length^dim]
-    busiest: float  # fraction of the sliding work in the tenth of the contacts that dissipates most
-    strong: float  # fraction of the sliding work in contacts with more than the mean force
+    rows: dict[str, np.ndarray]  # those fields of `Response` that have a row for each equilibrium
+    busiest: float
+    strong: float
     end: State
 
 
 @readable
 class Response(NamedTuple):
-    """C cycles at one amplitude; fields as in `Cycle`, with the cycles along the first axis."""
+    """C cycles of T steps at one amplitude; rows are equilibria, the first at the start of a cycle."""
 
     amplitude: float
-    gamma: np.ndarray  # (C, T + 1)
-    tau: np.ndarray  # (C, T + 1) [force/length^(dim−1)]
-    normal: np.ndarray  # (C, T + 1) [force/length^(dim−1)]
-    pressure: np.ndarray  # (C, T + 1) [force/length^(dim−1)]
-    height: np.ndarray  # (C, T + 1)
-    rearranged: np.ndarray  # (C, T + 1) bool
-    energies: np.ndarray  # (C, T + 1, 11) [energy/length^dim]
-    busiest: np.ndarray  # (C,)
-    strong: np.ndarray  # (C,)
+    gamma: np.ndarray  # (C, T + 1) shear strain
+    tau: np.ndarray  # (C, T + 1) shear stress, −σ_xy [force/length^(dim−1)]
+    normal: np.ndarray  # (C, T + 1) σ_yy [force/length^(dim−1)]
+    pressure: np.ndarray  # (C, T + 1) pressure [force/length^(dim−1)]
+    height: np.ndarray  # (C, T + 1) ε_yy, compression positive, which is the volumetric strain
+    rearranged: np.ndarray  # (C, T + 1) bool, True if dynamics was needed to find the equilibrium
+    energies: np.ndarray  # (C, T + 1, 11) columns of `Ledger`, over the volume of the sample [energy/length^dim]
+    busiest: np.ndarray  # (C,) fraction of the sliding work in the tenth of the contacts that dissipates most
+    strong: np.ndarray  # (C,) fraction of the sliding work in contacts with more than the mean force
     distance: np.ndarray  # (C + 1, C + 1) rms displacement of grains between the ends of two cycles, over γ₀ D
 
 
@@ -213,7 +209,7 @@ def shear_once(rig: Rig, state: State, amplitude: float, report: Report = silent
         rows.append(_measure(rig, state, account, outcome.fallback))
         report("cycles", len(rows) / (rig.steps + 1), f"γ {gamma:.3g}, τ {rows[-1]['tau']:.4g}")
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    return Cycle(**columns, busiest=work.busiest, strong=work.strong, end=state)
+    return Cycle(Fields(columns, Response), work.busiest, work.strong, state)
 
 
 def _measure(rig: Rig, state: State, account: PathLedger, rearranged: bool) -> dict:
@@ -256,7 +252,8 @@ class SlidingWork:
 
 def _response(amplitude: float, cycles: list[Cycle], ends: list[State], law: Law) -> Response:
     """All cycles at one amplitude."""
-    rows = {name: np.array([getattr(c, name) for c in cycles]) for name in Cycle._fields if name != "end"}
+    rows = {name: np.array([cycle.rows[name] for cycle in cycles]) for name in cycles[0].rows}
+    rows |= {name: np.array([getattr(cycle, name) for cycle in cycles]) for name in ("busiest", "strong")}
     unit = amplitude * 2 * float(ends[0].grains.radius.mean())
     distance = [[_distance(a, b, law) / unit for b in ends] for a in ends]
     return Response(amplitude, **rows, distance=np.array(distance))
@@ -401,12 +398,8 @@ CYCLE = Quantities([
 
 LOOP = Quantities([
     *(CYCLE[name] for name in ("sample", "amplitude", "cycle")),
-    Quantity("gamma", "1", "shear strain", lambda loop: loop.response.gamma[loop.k], r"$\gamma/\gamma_0$"),
-    Quantity("tau", STRESS, "shear stress, −σ_xy", lambda loop: loop.response.tau[loop.k]),
-    Quantity("normal", STRESS, "σ_yy", lambda loop: loop.response.normal[loop.k]),
-    Quantity("pressure", STRESS, "pressure", lambda loop: loop.response.pressure[loop.k]),
-    Quantity("height", "1", "ε_yy, compression positive", lambda loop: loop.response.height[loop.k]),
-    Quantity("rearranged", "1", "1 where grains rearranged", lambda loop: loop.response.rearranged[loop.k]),
+    *quantities_of(Response, "gamma", "tau", "normal", "pressure", "height", "rearranged",
+                   of=lambda name: lambda loop: getattr(loop.response, name)[loop.k]).values(),
 ])  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from ....kit import Measures, Quantities, Quantity, clear_round_off, estimate
+from ....kit import Measures, Quantities, Quantity, clear_round_off, estimate, quantities_of
 from .sample import SIGNS, ProbedState, first_seen, fluid_pressure
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries
@@ -471,16 +471,12 @@ SERIES = Quantities([
     *(Quantity(f"sigma_{ij}", STRESS, "component of the stress",
                lambda t, i=i, j=j: t.signed(t.series.stress[:, i, j]), rf"$\sigma_{{{ij}}}$")
       for ij, i, j in (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1))),
-    Quantity("void_ratio", "1", "volume of the voids over that of the grains", "series.void_ratio", "void ratio $e$"),
-    Quantity("coordination", "1", "mean contact number without rattlers", "series.coordination", "contact number"),
-    Quantity("fabric_anisotropy", "1", "largest minus smallest principal value of the fabric",
-             "series.fabric_anisotropy", "fabric\nanisotropy"),
-    Quantity("sliding_fraction", "1", "fraction of contacts at the Coulomb limit", "series.sliding_fraction",
-             "share of\nsliding contacts"),
+    *quantities_of(ElementSeries, of="series.{}".format, void_ratio="void ratio $e$", coordination="contact number",
+                   fabric_anisotropy="fabric\nanisotropy", sliding_fraction="share of\nsliding contacts").values(),
     Quantity("phi", "degrees", "mobilised angle of friction",
              lambda t: None if t.cement else friction_angle(t.stress, t.dim)),
     Quantity("work", "energy/length^dim", "work done on the sample", lambda t: work(t.series)),
-    Quantity("unbalanced", "1", "mean unbalanced force over mean contact force", "series.unbalanced"),
+    *quantities_of(ElementSeries, "unbalanced", of="series.{}".format).values(),
     *(Quantity(f"broken_{mode}", "1", f"bonds that broke in {mode}",
                lambda t, tension=tension: t.broken(np.arange(len(t.series.load)), tension) if t.cement else None,
                f"in {mode}")

@@ -96,7 +96,7 @@ class ElementSeries(NamedTuple):
     strain: np.ndarray  # (T, 4) logarithmic ε_xx, ε_yy, ε_zz, and the shear strain γ along x with gradient y
     stress: np.ndarray  # (T, 3, 3) [force/length^(dim−1)]
     void_ratio: np.ndarray  # (T,) volume of the voids over that of the grains [1]
-    coordination: np.ndarray  # (T,) mean number of contacts of grains that are not rattlers [1]
+    coordination: np.ndarray  # (T,) mean contact number without rattlers [1]
     fabric_anisotropy: np.ndarray  # (T,) largest minus smallest principal value of the fabric [1]
     sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit [1]
     unbalanced: np.ndarray  # (T,) mean unbalanced force over mean contact force [1]
