@@ -426,7 +426,7 @@ def _arranged(figure, look: Look):
 def _reach(axes) -> float:
     """Extent of the tick labels to the left of the vertical axis [pixels], without the label of the axis."""
     boxes = [label.get_window_extent() for label in axes.get_yticklabels() if label.get_text() and label.get_visible()]
-    return max(0.0, *(axes.bbox.x0 - box.x0 for box in boxes))
+    return max([0.0, *(axes.bbox.x0 - box.x0 for box in boxes)])
 
 
 def _letter(figure) -> list:
