@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Patch
 
-from ..core.arguments import Array, Requirement, Result, knows_bonds, require_filled
+from ..core.arguments import FILLED, Array, Result, knows_bonds
 from ..core.laws.builtin import Law
 from ..core.readable import pluralize
 from ..core.state import State
@@ -230,7 +230,7 @@ def along_mode(record, state, form) -> np.ndarray:
 
 @styled
 def response_envelopes(
-    envelopes: Annotated[list[_Envelope] | tuple[_Envelope, ...], Requirement(require_filled)],
+    envelopes: Annotated[list[_Envelope] | tuple[_Envelope, ...], FILLED],
     labels: list[str] | tuple[str, ...] = (),
     names: tuple[str, str] = ("yy", "xx"),
 ):

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from PIL import Image
 
-from ..core.arguments import Requirement, require_filled, require_shape
+from ..core.arguments import FILLED, require_shape
 from ..core.progress import Report, silent
 from ..data.exchange.frame import Frame
 from ..extras import MissingExtraError, require
@@ -29,7 +29,7 @@ STRETCH = 1.02  # largest length of a contact between two stored frames, over th
 
 @styled
 def movie(
-    frames: Annotated[list[Frame], Requirement(require_filled)], path: str | Path, *, labels: list[str],
+    frames: Annotated[list[Frame], FILLED], path: str | Path, *, labels: list[str],
     mode: Mode | None = None, colour: str | None = None,
     fps: int = FPS, zoom: Zoom = 1.0, slides: bool = False, report: Report = silent,
 ) -> Path:  # fmt: skip

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 from matplotlib import colormaps
 
-from ..core.arguments import Requirement, checked, require_filled, require_shape
+from ..core.arguments import FILLED, Requirement, checked, require_shape
 from ..core.contacts.bonds import bond_vectors
 from ..core.measure import wrapped
 from ..core.readable import pluralize
@@ -242,7 +242,7 @@ CONTENT = {"material", "coordination", "sliding contacts"}  # quantities with in
 
 @checked
 def view(
-    frames: Annotated[list[Frame], Requirement(require_filled)], modes: list[Mode] | None = None, *,
+    frames: Annotated[list[Frame], FILLED], modes: list[Mode] | None = None, *,
     colour: str | None = None, height: int = 480, zoom: Zoom = 1.0,
 ):  # fmt: skip
     """Three-dimensional view of a packing for a notebook, as a K3D plot.

@@ -1,28 +1,20 @@
 """Figures of earthquake cycles on a fault: slip profiles, maximum slip velocity, and time series at stations."""
 
+from typing import Annotated
+
 import numpy as np
 
-from ....kit import (
-    BLACK,
-    BLUE,
-    COLORS,
-    RED,
-    column_axes,
-    label_axes,
-    require_filled,
-    require_not_negative,
-    require_positive,
-    styled,
-)
+from ....kit import BLACK, BLUE, COLORS, NOT_NEGATIVE, RED, column_axes, label_axes, require_filled, styled
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import points
+from ..friction.ranges import Positive
 
 YEAR = 365.25 * 86400.0
 MOST_CURVES = 6  # largest number of stations drawn
 
 
 @styled
-def slip_contours(history: FaultHistory, events: int | None = None):
+def slip_contours(history: FaultHistory, events: Annotated[int, NOT_NEGATIVE] | None = None):
     """Slip against depth at regular time intervals, with blue profiles outside events and red ones within events.
 
     Parameters
@@ -30,7 +22,6 @@ def slip_contours(history: FaultHistory, events: int | None = None):
     history : FaultHistory
     events : number of events to show, counted from the last; default: all
     """
-    require_not_negative(events=events)
     figure, axes = column_axes(1, 2.7)
     first = history.events.start[-events - 1] if events and events < len(history.events.start) else -np.inf
     kept = history.profile_time >= first
@@ -60,9 +51,8 @@ def _interval(times, seismic: bool) -> str:
 
 
 @styled
-def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
+def max_slip_velocity(history: FaultHistory, threshold: Positive = 1e-3):
     """Maximum slip velocity on the fault against time."""
-    require_positive(threshold=threshold)
     figure, axes = column_axes(1, 2.1)
     axes.semilogy(history.time / YEAR, history.max_velocity, color=BLUE, lw=0.6)
     axes.axhline(threshold, color=BLACK, ls="--", lw=0.6)

@@ -8,9 +8,9 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from ....kit import NotNegative, Positive, check_types, checked, quoted, readable
+from ....kit import check_types, checked, quoted, readable
 from .laws import EvolutionLaw, Form, check_variant, form_code
-from .ranges import ALL_NOT_NEGATIVE, ALL_POSITIVE, Bounded, Unbounded, allowed
+from .ranges import ALL_NOT_NEGATIVE, ALL_POSITIVE, Bounded, NotNegative, Positive, Unbounded, allowed
 from .stress_transfer import (
     INSTANTS,
     Boundary,

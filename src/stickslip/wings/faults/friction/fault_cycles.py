@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ....kit import Positive, Report, check_types, checked, readable, require_shape, silent, units_of
+from ....kit import Report, check_types, checked, readable, require_shape, silent, units_of
 from .fault import Fault, check_normal
 from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
 from .fault_state import EXPONENT, NUMBER, STAGES, FaultState, Machine, check_state, initial_state
-from .ranges import allowed
+from .ranges import Positive, allowed
 
 if TYPE_CHECKING:
     import xarray

@@ -10,10 +10,10 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from ....kit import YEAR, Positive, Values, checked, pluralize, readable
+from ....kit import YEAR, Values, checked, pluralize, readable
 from .fault import Fault
 from .fault_state import FaultState, friction_of
-from .ranges import ALL_POSITIVE
+from .ranges import ALL_POSITIVE, Positive
 from .stress_transfer import surface_displacement
 
 

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import DOP853
 
-from ....kit import Positive, Values, checked, core, in_readable_units, readable, require_shape
+from ....kit import Values, checked, core, in_readable_units, readable, require_shape
 from .fault import Fault
 from .laws import EVOLUTIONS, friction
+from .ranges import Positive
 from .stress_transfer import KERNEL
 
 NUMBER = DOP853.n_stages

@@ -13,7 +13,6 @@ from scipy.special import stdtrit
 
 from ....kit import (
     POSITIVE,
-    Positive,
     Series,
     check_types,
     checked,
@@ -28,7 +27,7 @@ from ....kit import (
 )
 from .fitting import Data
 from .loads import LoadStep, check_times, contradiction, find_steps, leg_arrays, load_steps, stated_steps, with_normal
-from .ranges import PositiveSeries
+from .ranges import Positive, PositiveSeries
 
 EXAMPLE, NUMBERED = "time [s], load_point [um], friction [-]", "--columns 'time [s]=0,load_point [um]=1,friction=2'"
 WANTED = laboratory_table.Wanted(

@@ -16,9 +16,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ....kit import NotNegative, Positive, Selfcheck, Series, check_types, checked, core, readable
+from ....kit import Selfcheck, Series, check_types, checked, core, readable
 from .loads import LoadStep, check_times, leg_arrays, slide_hold_slide
-from .ranges import Bounded, NotNegativeSeries, Unbounded
+from .ranges import Bounded, NotNegative, NotNegativeSeries, Positive, Unbounded
 
 EvolutionLaw = Literal["aging", "slip"]
 Form = Literal["logarithmic", "regularized"]

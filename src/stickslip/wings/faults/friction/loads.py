@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import Positive, Series, checked, laboratory_table, readable, require_shape
-from .ranges import Bounded, PositiveSeries
+from ....kit import Series, checked, laboratory_table, readable, require_shape
+from .ranges import Bounded, Positive, PositiveSeries
 
 
 @readable

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from ....kit import Requirement, Series
+from ....kit import NOT_NEGATIVE, POSITIVE, Requirement, Series
 
 
 def allowed(words: str, test: Callable) -> Requirement:
@@ -21,6 +21,8 @@ def allowed(words: str, test: Callable) -> Requirement:
 
 ALL_POSITIVE = allowed("positive and finite", lambda v: (v > 0) & np.isfinite(v))
 ALL_NOT_NEGATIVE = allowed("finite and not negative", lambda v: (v >= 0) & np.isfinite(v))
+Positive = Annotated[float, POSITIVE]
+NotNegative = Annotated[float, NOT_NEGATIVE]
 PositiveSeries = Annotated[Series, ALL_POSITIVE]
 NotNegativeSeries = Annotated[Series, ALL_NOT_NEGATIVE]
 Bounded = Annotated[float, allowed("finite", np.isfinite)]

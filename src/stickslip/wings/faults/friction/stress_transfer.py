@@ -35,8 +35,8 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy import fft, sparse
 from scipy.special import erfc
 
-from ....kit import Array, NotNegative, Positive, Series, check_types, checked, core, read_text, readable
-from .ranges import Bounded
+from ....kit import Array, Series, check_types, checked, core, read_text, readable
+from .ranges import Bounded, NotNegative, Positive
 
 
 def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.ndarray, np.ndarray]:

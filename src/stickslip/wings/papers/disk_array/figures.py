@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from scipy.special import chdtrc
 
-from ....kit import Requirement, Result, animation, require_filled, require_index, style
+from ....kit import FILLED, Result, animation, require_index, style
 from ....results import Spectrum
 
 _KIND = "DiskArrayResult"
@@ -26,9 +26,7 @@ MOVED = (r"$\Delta C^x_\mathrm{mass}$", DIAMETER)
 
 
 @style.styled
-def complex_pairs(
-    results: Annotated[dict[str, _WithPairs], Requirement(require_filled)], paper: dict[float, float] | None = None
-):
+def complex_pairs(results: Annotated[dict[str, _WithPairs], FILLED], paper: dict[float, float] | None = None):
     """Im λ of every complex pair against the push, with births and deaths; one panel per result (Fig 2).
 
     Parameters

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ....kit import Requirement, Result, Series, draw_grains_by_speed, require_filled, style
+from ....kit import FILLED, Result, Series, draw_grains_by_speed, style
 from ....measure import wrapped
 
 HELD = ("time held", "s")  # quantity and unit
@@ -41,7 +41,7 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
 
 
 @style.styled
-def velocity_steps(curves: Annotated[list[_Curve], Requirement(require_filled)], *, twins: bool = True):
+def velocity_steps(curves: Annotated[list[_Curve], FILLED], *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
     Parameters
@@ -67,7 +67,7 @@ def velocity_steps(curves: Annotated[list[_Curve], Requirement(require_filled)],
 
 
 @style.styled
-def holds(panels: Annotated[list[_Panel], Requirement(require_filled)]):
+def holds(panels: Annotated[list[_Panel], FILLED]):
     """Change in friction during holds against time, mean and 2σ over branches, with predictions of both laws.
 
     Parameters

@@ -10,15 +10,14 @@ from matplotlib.lines import Line2D
 from .... import State
 from ....control import spring_forces
 from ....kit import (
+    FILLED,
     Committed,
-    Requirement,
     Result,
     bare_frame,
     body_positions,
     checked,
     contact_segments,
     layout_of,
-    require_filled,
     require_index,
     require_shape,
     start_drawing,
@@ -43,7 +42,7 @@ COLORS = (
 
 
 @style.styled
-def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], test: str):
+def curves(tested: Annotated[list[_WithCurve], FILLED], test: str):
     """Stress ratio and volumetric strain against strain, for the path, slow dynamics and unloading."""
     figure, (top, bottom) = style.column_axes(2, 4.4, sharex=True)
     for color, sample in zip(cycle(COLORS), tested, strict=False):

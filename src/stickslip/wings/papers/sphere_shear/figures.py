@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
-from ....kit import Requirement, Result, pluralize, require_filled, style
+from ....kit import FILLED, Result, pluralize, style
 
 IM = (r"$\mathrm{Im}\,\lambda$", r"$k_n\sqrt{2\sigma_1}/m$")  # quantity and unit
 M = ("$M$", "diameters²")
@@ -18,7 +18,7 @@ _Failure = Annotated[Any, Result(_KIND, ("time", "msd", "shear_stress", "growth_
 
 
 @style.styled
-def pairs_along_strain(paths: Annotated[list[_Path], Requirement(require_filled)], fine: float):
+def pairs_along_strain(paths: Annotated[list[_Path], FILLED], fine: float):
     """Smallest and largest Im λ of one packing up to `fine`, and number of pairs for all packings (Fig 1)."""
     figure, (top, bottom) = style.column_axes(2, 4.2)
     path = max(paths, key=lambda p: (p.pairs[p.strain <= fine] > 0).sum())

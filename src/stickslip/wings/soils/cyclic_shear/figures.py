@@ -10,17 +10,16 @@ from ....kit import (
     BLACK,
     BLUE,
     COLORS,
+    FILLED,
     GREEN,
     ORANGE,
     PURPLE,
     RED,
     SKY,
     WIDTH,
-    Requirement,
     Result,
     column_axes,
     label_axes,
-    require_filled,
     styled,
     subplots,
 )
@@ -34,7 +33,7 @@ GREY = "0.85"
 
 
 @styled
-def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirement(require_filled)]):
+def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], FILLED]):
     """Loops at up to six amplitudes, relative to the mean stress of the last cycle, which is drawn dark.
 
     Parameters
@@ -63,7 +62,7 @@ def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirem
 
 
 @styled
-def modulus_and_damping(tables: Annotated[list[_Table], Requirement(require_filled)], sands: dict | None = None):
+def modulus_and_damping(tables: Annotated[list[_Table], FILLED], sands: dict | None = None):
     """G/Gmax and damping ratio against the amplitude, one line per sample.
 
     Parameters

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import checked, require_positive
+from ....kit import Positive, checked
 
 MISFIT = 0.05  # largest deviation of a representative sample from the curve, as a fraction of the mass
 LARGEST_SAMPLE = 10**7  # largest sample considered in the search for the number of grains that a curve needs
@@ -37,7 +37,7 @@ class Grading(NamedTuple):
 
 
 @checked
-def from_d10_d50_d60(d10: float, d50: float, d60: float) -> Grading:
+def from_d10_d50_d60(d10: Positive, d50: Positive, d60: Positive) -> Grading:
     """Grading through D10, D50 and D60, with the first and last segments extended to 0 and 100 % passing.
 
     Examples
@@ -45,7 +45,6 @@ def from_d10_d50_d60(d10: float, d50: float, d60: float) -> Grading:
     >>> from_d10_d50_d60(1.0, 2.0, 2.2).size_at(0.5).round(9).item()
     2.0
     """
-    require_positive(d10=d10, d50=d50, d60=d60)
     if not d10 < d50 < d60:
         raise ValueError(f"D10, D50 and D60 must increase, got {d10:g}, {d50:g} and {d60:g}")
     require_span(d10, d60)
