@@ -39,7 +39,7 @@ from .reports.terminal import STYLE, console, progress, show_pairs, show_table
 from .solve.equilibrate import relax
 from .solve.linear import factorised
 from .solve.spectrum import spectrum
-from .wing import Selfcheck, wings
+from .wing import Selfcheck, Wing, wings
 
 CORE = ("numpy", "scipy", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
 DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # names that differ from import names
@@ -246,15 +246,20 @@ def measure(report: Report = silent, *, with_wings: bool = True) -> dict[str, fl
         "ten disks: equilibria, eigenvalues, dynamics": partial(measure_array, law),
     }
     if with_wings:
-        groups |= {name: wing.function(wing.selfchecks) for name, wing in wings().items() if wing.selfchecks}
+        groups |= {name: partial(_measure_wing, wing) for name, wing in wings().items() if wing.selfchecks}
     for k, (part, group) in enumerate(groups.items()):
         report("self-check", k / len(groups), part)
         try:
             numbers |= {name: float(v) if isinstance(v, np.floating) else v for name, v in group().items()}
-        except Exception as problem:  # the purpose of the self-check is to detect a broken compiler or library
+        except (Exception, SystemExit) as problem:  # a broken compiler or library, which it is meant to detect
             said = f"{part}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
             numbers[PROBLEM] = "; ".join(filter(None, [numbers.get(PROBLEM), said]))
     return numbers
+
+
+def _measure_wing(wing: Wing) -> dict[str, Selfcheck]:
+    checks = wing.function(wing.selfchecks)()
+    return {name: Selfcheck(*map(float, one[:3]), str(one.why)) for name, one in checks.items()}
 
 
 # relative deviations that are acceptable on any processor and with any BLAS, each with its reason
@@ -284,7 +289,7 @@ def compare(measured: dict, stored: dict) -> list[Check]:
 
 
 def _compare(name: str, number: Selfcheck) -> Check:
-    deviation = abs(number.measured - number.stored) / abs(number.stored)
+    deviation = abs(number.measured - number.stored) / (abs(number.stored) or 1.0)  # of zero: absolute
     is_right = bool(deviation <= number.tolerance)
     return Check(name, number.measured, number.stored, deviation, number.tolerance, is_right, number.why)
 

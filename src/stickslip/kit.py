@@ -2,7 +2,8 @@
 
 Wings and their experiments
 
-    Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a file format
+    Wing, ExperimentEntry, Command, FileFormat      head of a wing, and what it lists
+    Selfcheck                   a number that `stickslip doctor` compares
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
     Comparison, SweepMember     comparison of the members of a sweep, and one member

@@ -298,6 +298,8 @@ from .solve.linear import suitable_threads as suitable_threads
 from .solve.spectrum import near_zero as near_zero
 from .solve.spectrum import softest_eigenvalue as softest_eigenvalue
 from .solve.stability import DENSE_UP_TO as DENSE_UP_TO
+from .wing import Command as Command
+from .wing import ExperimentEntry as ExperimentEntry
 from .wing import FileFormat as FileFormat
 from .wing import Selfcheck as Selfcheck
 from .wing import Wing as Wing

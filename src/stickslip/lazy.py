@@ -26,10 +26,16 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
         sys.meta_path.insert(0, _ByPublicName(package, more))
     above = package if Path(file).stem == "__init__" else package.rpartition(".")[0]
     where: dict[str, tuple[str, str]] = {}
+    of_wings: set[str] = set()  # names in the stub that exist only if a head of a wing lists them
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom):
             module = "." * node.level + (node.module or "")
             where |= {name.asname or name.name: (module, name.name) for name in node.names}
+            if more is not dict and module.startswith("..wings."):
+                of_wings |= {name.asname or name.name for name in node.names}
+
+    def names() -> list[str]:
+        return sorted({*where} - of_wings | {*more()})
 
     def get(name: str):
         if name in where:
@@ -42,14 +48,17 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
             except ModuleNotFoundError as problem:
                 from .wing import without_wing
 
-                raise without_wing(f"{package}.{name}", problem) from None
+                error = without_wing(f"{package}.{name}", problem)
+                if error is problem and name in of_wings and ".wings." in (problem.name or ""):
+                    raise AttributeError(missing_attribute(package, name)) from None
+                raise error from None
         if name == "__all__":
-            return sorted({*where, *more()})
+            return names()
         if not name.startswith("_") and name in (others := more()):
             return import_module(others[name])
         raise AttributeError(missing_attribute(package, name))
 
-    return get, lambda: sorted({*where, *more()}), sorted(where)
+    return get, names, sorted(where)
 
 
 class _ByPublicName(MetaPathFinder, Loader):

@@ -226,7 +226,8 @@ def suggestions(word: str, limit: int = 3) -> list[str]:
     names = public_names_by_space()
     for forms in ((word,), (word.rstrip("s"), f"{word}s", word.replace("_", "")), _without_an_end(word)):
         found = [f"{space}.{name}".lstrip(".") for space, own in names.items() for name in own if name.lower() in forms]
-        found += [target for target, words in MEANT.items() if not {*forms}.isdisjoint(words.split())]
+        meant = [target for target, words in MEANT.items() if not {*forms}.isdisjoint(words.split())]
+        found += [one for one in meant if one.partition("experiments.")[2] in ("", *names["experiments"])]
         if found:
             return list(dict.fromkeys(found))[:limit]
     return (_spelled_like(word, names) or with_rarest_parts(word, _overview()))[:limit]

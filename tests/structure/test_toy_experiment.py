@@ -3,15 +3,18 @@
 Without a wing, or with a broken one, everything else works.
 """
 
+import ast
 import gzip
+import importlib
 import json
 import os
-import re
 import runpy
 import shutil
 import subprocess
 import sys
 import tomllib
+import warnings
+from importlib.machinery import ModuleSpec
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,11 +26,13 @@ import pytest
 import stickslip as ss
 from stickslip import wing
 from stickslip.cli import main
+from stickslip.cli.running import _papers
 from stickslip.core.laws.builtin import MU
 from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
+from stickslip.doctor import PROBLEM, measure
 from stickslip.experiments import EXPERIMENTS, Experiment
-from stickslip.experiments.registry import _written_by
+from stickslip.experiments.registry import _written_by, papers
 from stickslip.kit import Measures, Quantities, Quantity, result_of
 from stickslip.runs import bundled
 from stickslip.runs.folder import write_result
@@ -95,8 +100,20 @@ def install(monkeypatch):
     wing.installed.cache_clear()
 
 
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Folder in which packages of wings are found."""
+    folder = tmp_path_factory.mktemp("site")
+    (folder / "coins_wing").mkdir()
+    (folder / "coins_wing" / "__init__.py").write_text("")
+    (folder / "coins_wing" / "stacks.py").write_text("raise RuntimeError('imported before it is needed')")
+    sys.path.insert(0, str(folder))
+    yield folder
+    sys.path.remove(str(folder))
+
+
 @pytest.fixture(autouse=True)
-def coins(install, monkeypatch):
+def coins(site, install, monkeypatch):
     monkeypatch.setitem(sys.modules, "coins_wing.coins", sys.modules[__name__])
     install(COINS)
     CALLS[:] = [None]
@@ -170,7 +187,7 @@ def write_stacks(path, frames) -> list[str]:
 @pytest.fixture
 def stacks(monkeypatch, install):
     """Function that makes the module that reads and writes stacks of coins importable."""
-    module = SimpleNamespace(read=read_stacks, write=write_stacks)
+    module = SimpleNamespace(read=read_stacks, write=write_stacks, __spec__=ModuleSpec("coins_wing.stacks", None))
     return lambda: monkeypatch.setitem(sys.modules, "coins_wing.stacks", module)
 
 
@@ -240,6 +257,90 @@ def test_a_broken_wing_is_named_and_nothing_else_is_lost(value, said, install):
         assert "coins" in EXPERIMENTS
     assert EXPERIMENTS["coins"] is EXPERIMENT
     assert "gouge" in EXPERIMENTS
+
+
+HEADS = {  # heads that are wrong in part or altogether, and what the warning says
+    "raise SystemExit(3)": "cannot be loaded (3)",
+    "WING = Wing('absent', 'x')": "`package` must be the name of its package",
+    "WING = Wing(7, 'x')": "`package` must be the name of its package",
+    "experiments=['odd']": "experiments is a list, not a dict",
+    "experiments={'odd': 'absent'}": "experiments: odd_wing has no module absent",
+    "experiments={'odd': 3}": "experiments: 3 is not like ExperimentEntry(",
+    "experiments={'gouge': 'lost'}": "experiments: experiment gouge exists already",
+    "commands='commands'": "commands is a str, not a tuple",
+    "commands={'odd': 'lost'}": "commands is a dict, not a tuple",
+    "commands=(Command('fit', 'x', 'lost.run'),)": "commands: command fit exists already",
+    "commands=(Command('run', 'x', 'lost.run'),)": "the command run of the wing odd_wing exists already",
+    "selfchecks='absent.checks'": "selfchecks: odd_wing has no module absent",
+    "selfchecks=3": "selfchecks is a int, not a str",
+    "needs='papers', pages='odd'": "needs is a str, not a tuple; pages is a str, not a tuple",
+    "pages=('odd', 3)": "pages: 3 is not like ''",
+    "formats={'odd': 'lost.read'}": "formats is a dict, not a tuple",
+    "formats=(FileFormat('odd', b'(', 'lost.read'),)": "expression b'(' of odd is invalid (",
+    "formats=(FileFormat('odd', 'odd', 'lost.read'),)": "formats: FileFormat(name='odd', start=",
+}
+OK = "from stickslip.wing import Command, ExperimentEntry, FileFormat, Wing\n"
+
+
+@pytest.fixture
+def odd(site, install, monkeypatch):
+    """Function that installs a wing with this head, and a module `lost` that cannot be imported."""
+
+    def create(head, **files):
+        folder = site / "odd_wing"
+        folder.mkdir(exist_ok=True)
+        head = head if head.startswith(("raise", "WING")) else f"WING = Wing(__name__, 'x', {head})"
+        for name, text in {"__init__": OK + head, "lost": "import absent_library", **files}.items():
+            (folder / f"{name}.py").write_text(text)
+        importlib.invalidate_caches()
+        shutil.rmtree(folder / "__pycache__", ignore_errors=True)
+        install(COINS, EntryPoint("odd", "odd_wing:WING", GROUP))
+
+    yield create
+    for name in [name for name in sys.modules if name.partition(".")[0] == "odd_wing"]:
+        del sys.modules[name]
+
+
+TYPED = "stability few.npz -q", "--help", "docs -q", "run coins.toml --out out -q"
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_a_broken_head_gives_one_line_and_takes_nothing_with_it(head, odd, few_spheres, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(few_spheres, "few.npz")
+    Path("coins.toml").write_text('experiment = "coins"\n')
+    for words in TYPED:
+        odd(head)
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")  # as in a process of its own
+            assert call(monkeypatch, *words.split()) == 0, words
+        (line,) = capfd.readouterr().err.splitlines()
+        assert line.startswith("stickslip: the ") and HEADS[head] in line, line
+    assert EXPERIMENTS["gouge"].scenario.__module__ == "stickslip.wings.papers.gouge.scenario"
+
+
+def test_what_cannot_be_imported_names_its_wing_and_is_missed_by_nothing_else(odd, tmp_path, monkeypatch, capfd):
+    """An experiment with a paper, a command and self-checks."""
+    odd(
+        "experiments={'odd': ExperimentEntry('lost', papers=('odd-paper',))}, "
+        "commands=(Command('odd', 'x', 'lost.run'),), selfchecks='checks.odd'",
+        checks="from stickslip.wing import Selfcheck\nodd = lambda: {'odd': Selfcheck('a', 0.0, 1, 'x')}",
+    )
+    (tmp_path / "odd.toml").write_text('experiment = "odd"\n')
+    said = "lost.EXPERIMENT of the wing odd_wing cannot be imported (No module named 'absent_library'): repair or unin"
+    for words in (["reproduce", "odd-paper"], ["run", tmp_path / "odd.toml"], ["odd"]):
+        assert call(monkeypatch, *words) == 2
+        (line,) = capfd.readouterr().err.splitlines()
+        assert said in line.replace("lost.run", "lost.EXPERIMENT")
+    assert call(monkeypatch, "reproduce", "absent") == 2
+    assert "use disk-array, sphere-shear, quasi-rigid, gouge, seas-bp1" in capfd.readouterr().err
+    assert "disk-array" in _papers() and "odd-paper" not in _papers()
+    (tmp_path / "coins.toml").write_text('experiment = "coins"\n')
+    assert call(monkeypatch, "run", tmp_path / "coins.toml", "--out", tmp_path / "out", "--device", "cuda") == 2
+    assert "--device is available for single runs of 'disk-array' and 'gouge' only" in capfd.readouterr().err
+    numbers = measure()
+    assert "odd: ValueError: could not convert string to float: 'a'" in numbers[PROBLEM]
+    assert "contact force, normal" in numbers and any(isinstance(one, wing.Selfcheck) for one in numbers.values())
 
 
 def test_the_wing_among_the_examples_runs(install, tmp_path, monkeypatch):
@@ -326,23 +427,67 @@ def test_the_laboratory_passes_all_its_tests_without_a_wing(name):
     run_here("-m", "tests.hidden", name, "-m", "not slow", *own)
 
 
-def test_heads_name_the_wings_that_they_import():
-    direct = {name: set() for name in hidden.NAMES}
+def test_heads_name_the_wings_that_their_experiments_and_commands_import():
+    """Directly or indirectly: from the folder of an experiment, or the module of a command."""
+    above, inner = "stickslip.wings", {}
     for path in (rooms.PACKAGE / "wings").rglob("*.py"):
-        parts = path.relative_to(rooms.PACKAGE / "wings").parts
-        for dots, other in re.findall(r"^ *from (\.+)(\w+)", path.read_text(encoding="utf-8"), flags=re.M):
-            if len(dots) == len(parts) and other in direct and len(parts) > 1:
-                direct[parts[0]].add(other)
+        parts = path.relative_to(rooms.PACKAGE / "wings").with_suffix("").parts
+        package = [*above.split("."), *parts[:-1]]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                module = ".".join([*package[: len(package) + 1 - node.level], *filter(None, [node.module])])
+                found = [f"{module}.{alias.name}".removeprefix(f"{above}.").split(".")[:2] for alias in node.names]
+                inner.setdefault(parts[:2], set()).update(tuple(one) for one in found if one[0] in hidden.NAMES)
 
-    def needed(name):
-        return direct[name].union(*map(needed, direct[name]))
+    def needed(part, seen=frozenset()):
+        more = inner.get(part, set()) - seen
+        return {one[0] for one in more}.union(*(needed(one, seen | more) for one in more))
 
-    assert {name: set(one.needs) for name, one in wing.wings().items() if name != "coins"} == {
-        name: needed(name) for name in hidden.NAMES
-    }
+    assert needed(("studies", "threshold")) > {"papers"}
+    for name, head in wing.wings().items():
+        for one in (*head.experiments.values(), *head.commands):
+            if name in hidden.NAMES:
+                part = one.function.partition(".")[0] if isinstance(one, wing.Command) else one.package
+                assert {*head.needs, *one.needs} == needed((name, part)) - {name}, (name, part)
 
 
-@pytest.mark.parametrize(("experiment", "missing"), [("gouge", "faults"), ("threshold", "papers"), ("flow", "lammps")])
+def test_heads_name_the_papers_of_their_experiments():
+    for name, (_, entry) in EXPERIMENTS.entries().items():
+        one = EXPERIMENTS[name]
+        assert entry.papers == tuple(paper.name or name for paper in (one.paper, *one.more_papers) if paper)
+        assert one.name == name
+    assert papers()["seas-bp6"].paper.name == "seas-bp6" and papers()["gouge"].paper.title.endswith("fault gouge")
+
+
+ALONE = """
+import sys
+from tests import hidden
+hidden.hide([name for name in hidden.NAMES if name != "studies"])
+import stickslip as ss
+from stickslip.experiments import EXPERIMENTS
+from stickslip.cli import main
+assert {*EXPERIMENTS} == {"catalogue", "failure"}, [*EXPERIMENTS]
+assert EXPERIMENTS["failure"] is ss.experiments.failure.EXPERIMENT and EXPERIMENTS["catalogue"]
+assert "threshold" not in ss.experiments.__all__
+sys.argv = ["stickslip", "shear", "few.npz", "--until", "1e-6", "--out", "out", "-q"]
+try:
+    main()
+except SystemExit as end:
+    assert not end.code
+"""
+
+
+# 5 s: a process of its own, in which wings are hidden from the start
+def test_what_a_wing_can_do_without_the_others_remains(few_spheres, tmp_path):
+    shutil.copy(few_spheres, tmp_path / "few.npz")
+    run_here("-c", ALONE, cwd=tmp_path)
+    assert (tmp_path / "out" / "results.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("experiment", "missing"),
+    [("gouge", "faults"), ("threshold", "papers"), ("flow", "lammps"), ("quasi-rigid", "status")],
+)
 def test_an_experiment_without_a_wing_that_it_needs_names_it(experiment, missing, install):
     install(without=[missing])
     said = f"experiment = '{experiment}' needs the wing {missing}, which is not installed: install stickslip again, or"

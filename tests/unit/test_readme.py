@@ -8,8 +8,7 @@ from types import ModuleType
 import pytest
 
 import stickslip
-from stickslip.cli import app
-from stickslip.cli.app import commands_like
+from stickslip.cli.app import commands, commands_like
 from stickslip.words import MEANT, suggestions
 
 ROOT = Path(__file__).parents[2]
@@ -135,7 +134,7 @@ def test_names_of_other_programs_lead_to_names_that_exist():
         if not path.startswith("`"):
             assert attrgetter(path)(stickslip), path
         elif path.startswith("`stickslip ") and "--" not in path:
-            assert path.strip("`").split()[1] in [command.callback.__name__ for command in app.registered_commands]
+            assert path.strip("`").split()[1] in [*commands()]
 
 
 NAMES = """
@@ -157,7 +156,7 @@ COMMANDS = (
 def test_names_that_people_guess_lead_somewhere():
     """Written down before they were tried, by people of eight professions."""
     assert [name for name in NAMES.split() if not suggestions(name)] == []
-    known = [command.callback.__name__ for command in app.registered_commands]
+    known = [*commands()]
     assert [word for word in COMMANDS.split() if not commands_like(word, known)] == []
     assert commands_like("undrained", known) == ['`stickslip run SCENARIO` with experiment = "element-test"']
     assert commands_like("restart", known) == ["`stickslip resume`"] and "convert" in commands_like("export", known)[0]
@@ -177,7 +176,7 @@ def test_a_word_leads_to_its_own_subject_or_nowhere(word, near):
 
 
 def test_a_subject_that_examples_mention_is_not_one_of_them():
-    known = [command.callback.__name__ for command in app.registered_commands]
+    known = [*commands()]
     assert not any("injection" in line for line in commands_like("friction", known))
 
 

@@ -22,7 +22,7 @@ EXAMPLE = examples(
 DOCS = examples(("docs", "a list"), ("docs scenario/flow", "all keys of flow scenarios"))
 
 
-@command(epilog=EXAMPLE, short_help="List or copy the examples.")
+@command(epilog=EXAMPLE)
 def example(
     *,
     names: Annotated[
@@ -51,7 +51,7 @@ def example(
         reports.terminal.show_pairs("Examples: stickslip example NAME copies one, --all copies all", known)
 
 
-@command(epilog=DOCS, short_help="Read the documentation: keys of scenarios, laws, LAMMPS.")
+@command(epilog=DOCS)
 def docs(
     page: Annotated[
         str | None,
@@ -76,7 +76,7 @@ def docs(
         reports.terminal.show_pairs("Pages: stickslip docs PAGE shows one", runs.bundled.pages())
 
 
-@command(epilog=CITE, short_help="Print BibTeX entries to cite for a run.")
+@command(epilog=CITE)
 def cite(
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or a run folder.")],
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No effect: only BibTeX is printed.")] = False,
@@ -90,7 +90,7 @@ def cite(
         print(text, end="")
 
 
-@command(epilog=DOCTOR, short_help="Check this installation.")
+@command(epilog=DOCTOR)
 def doctor(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only the verdict.")] = False,
     as_json: AsJson = False,

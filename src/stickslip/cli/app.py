@@ -23,21 +23,71 @@ import typer
 
 from .. import __version__, reports, runs
 from ..extras import MissingExtraError
-from ..wing import MissingWingError
+from ..wing import Command, MissingWingError, Wing, wings
 
 DEVICES = {"cuda": "an NVIDIA graphics processor, with the extra gpu"}
 ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
 
 
+LABORATORY = Wing(
+    package=__package__,
+    words="the laboratory",
+    commands=(
+        Command("reproduce", "Run a paper's experiment and evaluate its claims.", "running.reproduce"),
+        Command("run", "Run a scenario, or a sweep of many.", "running.run"),
+        Command("resume", "Continue a run that was stopped or killed.", "running.resume"),
+        Command("stability", "Is this packing stable?", "packings.stability"),
+        Command("convert", "Write a packing for OVITO, ParaView, ASE, LAMMPS.", "packings.convert"),
+        Command("report", "Write an HTML report on a run or a packing.", "packings.report"),
+        Command("movie", "Write a movie of a run or a mode, GIF or MP4.", "packings.movie"),
+        Command("example", "List or copy the examples.", "about.example"),
+        Command("docs", "Read the documentation: keys of scenarios, laws, LAMMPS.", "about.docs"),
+        Command("cite", "Print BibTeX entries to cite for a run.", "about.cite"),
+        Command("doctor", "Check this installation.", "about.doctor"),
+    ),
+)
+
+
+def commands() -> dict[str, tuple[Wing, Command]]:
+    """Commands by name, in the order of `stickslip --help`, each with the head that names it."""
+    own = {one.name: (LABORATORY, one) for one in LABORATORY.commands}
+    last = ("example", "docs", "cite", "doctor")
+    found = {name: pair for name, pair in own.items() if name not in last}
+    for wing in wings().values():
+        for one in wing.commands:
+            if one.name in own:
+                message = f"the command {one.name} of the wing {wing.package} exists already: rename it"
+                warnings.warn(message, stacklevel=1)
+            else:
+                found[one.name] = wing, one
+    return found | {name: own[name] for name in last}
+
+
 class _Commands(typer.core.TyperGroup):
-    """Group of commands; for an unknown command, the message suggests similar ones, or lists all."""
+    """Group of commands that are imported when used; for an unknown command, the message suggests similar ones."""
+
+    def list_commands(self, ctx):
+        return [*commands(), *super().list_commands(ctx)]
+
+    def get_command(self, ctx, name):
+        _, found = commands().get(name, (None, None))
+        return typer.core.TyperCommand(name, short_help=found.words) if found else super().get_command(ctx, name)
 
     def resolve_command(self, ctx, args):
-        if self.get_command(ctx, args[0]) is None:
-            near, commands = commands_like(args[0], self.list_commands(ctx)), ", ".join(self.list_commands(ctx))
-            hint = f"did you mean {' or '.join(near)}?" if near else f"use {commands}"
-            raise ValueError(f"unknown command {args[0]!r}: {hint}")
-        return super().resolve_command(ctx, args)
+        name = args[0]
+        if self.get_command(ctx, name) is None:
+            known = self.list_commands(ctx)
+            near = commands_like(name, known)
+            hint = f"did you mean {' or '.join(near)}?" if near else f"use {', '.join(known)}"
+            raise ValueError(f"unknown command {name!r}: {hint}")
+        if name not in commands():
+            return super().resolve_command(ctx, args)
+        wing, one = commands()[name]
+        single = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+        function = wing.function(one.function)
+        how = {key: value() if callable(value) else value for key, value in function.how.items()}
+        single.command(name, **how)(function)
+        return name, typer.main.get_command(single), args[1:]
 
 
 app = typer.Typer(
@@ -187,6 +237,8 @@ def _as_option(name: str, annotation):
 def command(**how):
     """Turn a function into a command; the fields of its parameters that are NamedTuples become options.
 
+    `how` holds options of `typer.Typer.command`, or functions that return their values when the command is used.
+
     `Annotated[bool, "Words."]` is an option named after its parameter, with these words as its help; for shell
     completion, values and their descriptions may follow. Floats are parsed as numbers in files are.
     """
@@ -214,7 +266,8 @@ def command(**how):
         del call.__wrapped__
         call.__signature__ = Signature(single)
         call.__annotations__ = {p.name: p.annotation for p in single}
-        return app.command(**how)(call)
+        call.how = how
+        return call
 
     return register
 

@@ -130,7 +130,7 @@ class MethodOptions(NamedTuple):
         return asked[0] if asked else default
 
 
-@command(epilog=STABILITY, short_help="Is this packing stable?")
+@command(epilog=STABILITY)
 @in_units_of_packing
 def stability(
     *,
@@ -242,7 +242,7 @@ def stability(
         raise typer.Exit(NO_VERDICT)
 
 
-@command(epilog=CONVERT, short_help="Write a packing for OVITO, ParaView, ASE, LAMMPS.")
+@command(epilog=CONVERT)
 @in_units_of_packing
 def convert(
     *,
@@ -328,7 +328,7 @@ class ViewOptions(NamedTuple):
         return zoom
 
 
-@command(epilog=REPORT, short_help="Write an HTML report on a run or a packing.")
+@command(epilog=REPORT)
 @in_units_of_packing
 def report(
     *,
@@ -405,7 +405,7 @@ class FilmOptions(NamedTuple):
     slides: Slides = False
 
 
-@command(epilog=MOVIE, short_help="Write a movie of a run or a mode, GIF or MP4.")
+@command(epilog=MOVIE)
 @in_units_of_packing
 def movie(
     *,

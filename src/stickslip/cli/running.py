@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -10,6 +10,7 @@ import typer
 
 from .. import reports, runs
 from ..data.run_files import SCENARIO, lock_folder, resume_command
+from ..wing import wings
 from .app import (
     DEVICES,
     EngineOptions,
@@ -49,20 +50,32 @@ RESUME = examples(
 
 
 def _papers() -> dict[str, str]:
+    """Names of papers with their descriptions, without those whose experiments cannot be imported."""
     from ..experiments.registry import papers
 
-    return {name: experiment.words for name, experiment in papers().items()}
+    found = {}
+    for name in papers():
+        with suppress(ImportError):
+            found[name] = papers()[name].words
+    return found
 
 
-@command(epilog=REPRODUCE, short_help="Run a paper's experiment and evaluate its claims.")
+def _names_of_papers() -> str:
+    names = [paper for wing in wings().values() for entry in wing.experiments.values() for paper in entry.papers]
+    return " or ".join(filter(None, [", ".join(names[:-1]), *names[-1:]])) or "none is installed"
+
+
+def _about_run() -> str:
+    """Help of `run`, with the experiments of all installed wings."""
+    names = ", ".join(name for wing in wings().values() for name in wing.experiments) or "none is installed"
+    return f"Run a scenario, or many with a [sweep] table. Experiments: {names}."
+
+
+@command(epilog=REPRODUCE)
 def reproduce(
     *,
     experiment: Annotated[
-        str,
-        typer.Argument(
-            help="Name of the paper: disk-array, sphere-shear, quasi-rigid, gouge, seas-bp1, seas-bp3 or seas-bp6.",
-            autocompletion=complete_from(_papers),
-        ),
+        str, typer.Argument(help=f"Name of the paper: {_names_of_papers()}.", autocompletion=complete_from(_papers))
     ],
     quick: Annotated[bool, "Fewer realisations and shorter runs; omissions are reported."] = False,
     full: Annotated[
@@ -85,7 +98,11 @@ def reproduce(
     output: Output,
 ) -> None:
     """Run a paper's experiment: figures, raw numbers, and a verdict on every claim (claims.md, claims.png)."""
-    check_choice("experiment", experiment, _papers())
+    from ..experiments.registry import papers
+
+    if not papers():
+        raise ValueError(f"{experiment!r} is not available, as no installed wing has papers: install stickslip again")
+    check_choice("experiment", experiment, papers())
     look = drawing.look()
     size = {"quick": quick, "full": full, "paper-size": paper_size}
     given = [f"--{name}" for name, value in size.items() if value]
@@ -94,8 +111,6 @@ def reproduce(
     for name, value in (("--realizations", realizations), ("--samples", samples)):
         if value and not paper_size:
             raise ValueError(f"{name} requires --paper-size, the only run with samples")
-    from ..experiments.registry import papers
-
     more = {"full": full, "paper_size": paper_size, "realizations": realizations}
     more |= {"samples": samples and samples.absolute()}
     more = {name: value for name, value in more.items() if value}
@@ -178,7 +193,7 @@ class SweepOptions(NamedTuple):
         return int(k), int(n)
 
 
-@command(epilog=RUN, short_help="Run a scenario, or a sweep of many.")
+@command(epilog=RUN, help=_about_run)
 def run(
     *,
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, such as examples/disk_array.toml.")],
@@ -197,7 +212,7 @@ def run(
     drawing: FigureOptions,
     output: Output,
 ) -> None:
-    """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders, and faults."""
+    """Run a scenario, or many with a [sweep] table."""
     from ..data.law_schema import check_law_files, trust_law_files
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
@@ -272,10 +287,10 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
 
 def _open_laboratory(chosen, path: Path):
     """Read the table of a laboratory test, and return a function that compares it with the run of a scenario."""
-    from ..experiments.registry import EXPERIMENTS, experiment_of
+    from ..experiments.registry import experiment_of, with_feature
 
     if experiment_of(chosen).overlay is None:
-        able = " and ".join(repr(name) for name, one in EXPERIMENTS.items() if one.overlay)
+        able = with_feature(lambda one: one.overlay)
         raise ValueError(
             f"--compare does not apply to experiment = {chosen.experiment!r}: only {able} can be compared with "
             "laboratory tests"
@@ -306,7 +321,7 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output, look, dr
         finish(lambda: runs.json_output.describe_run(command, folder, result, paths), paths, show, output)
 
 
-@command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")
+@command(epilog=RESUME)
 def resume(
     *,
     folder: Annotated[Path, typer.Argument(help="The run folder of a stopped or killed run.")],
@@ -386,7 +401,7 @@ def _run_sweep_in(command: str, tables: dict, out: Path, spread, output: Output,
 def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
     """Check the options for parallel runs, and return them as arguments of `simulate`."""
     from ..ensemble import reach
-    from ..experiments.registry import EXPERIMENTS, experiment_of
+    from ..experiments.registry import experiment_of, with_feature
 
     workers, scheduler, device = processes
     if device is not None:
@@ -394,8 +409,7 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
 
         check_choice("device", device, DEVICES)
         if not chosen or not experiment_of(chosen).device:
-            allowed = " and ".join(repr(name) for name, one in EXPERIMENTS.items() if one.device)
-            raise ValueError(f"--device is available for single runs of {allowed} only")
+            raise ValueError(f"--device is available for single runs of {with_feature(lambda one: one.device)} only")
         open_device(device)
     if scheduler is None:
         return {"workers": workers} | ({"device": device} if device else {})
@@ -411,14 +425,14 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
 def _with_engine(chosen, engine: EngineOptions):
     """Return the scenario with another engine or number of MPI processes, if given."""
     from ..data.schema import require_lammps_for_ranks
+    from ..experiments.registry import with_feature
 
     given = engine.values()
     if not given:
         return chosen
     if not hasattr(chosen, "engine"):
-        raise ValueError(
-            f'--{next(iter(given))} applies to the experiments "flow" and "gouge" only, not to {chosen.experiment!r}'
-        )
+        able = with_feature(lambda one: "engine" in one.scenario.model_fields)
+        raise ValueError(f"--{next(iter(given))} applies to the experiments {able} only, not to {chosen.experiment!r}")
     chosen = chosen.model_copy(update=given)
     require_lammps_for_ranks(chosen.engine, chosen.ranks)
     return chosen

@@ -6,8 +6,10 @@ A description contains everything that the commands, sweeps, restarts and docume
 import json
 import math
 import re
+import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
@@ -20,10 +22,10 @@ from ..core.readable import pluralize, readable, words
 from ..core.text import read_text, shortened
 from ..core.units import in_units
 from ..data.law_schema import check_law_files, renamed_keys, trust_law_files, with_laws
-from ..data.run_files import FIGURES, NAMES
+from ..data.run_files import FIGURES, MANIFEST, NAMES
 from ..data.schema import ScenarioBase, ScenarioError, given_keys, validate_scenario
 from ..ensemble.pool import Workers
-from ..wing import Wing, installed, missing_wing, wings
+from ..wing import ExperimentEntry, Wing, installed, missing_wing, wings
 
 
 def _empty(result) -> tuple:
@@ -156,35 +158,58 @@ def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str
 class Experiments(Mapping[str, Experiment]):
     """Experiments of all wings, by the value of `experiment` in a scenario; each is imported when it is used."""
 
-    def _packages(self) -> dict[str, tuple[str, Wing]]:
-        return {name: (package, wing) for wing in wings().values() for name, package in wing.experiments.items()}
+    def entries(self) -> dict[str, tuple[Wing, ExperimentEntry]]:
+        """Entry of each experiment in the head of its wing, with this head."""
+        return {name: (wing, entry) for wing in wings().values() for name, entry in wing.experiments.items()}
 
     def __getitem__(self, name: str) -> Experiment:
-        package, wing = self._packages()[name]
-        return wing.module(package).EXPERIMENT
+        wing, entry = self.entries()[name]
+        return wing.function(f"{entry.package}.EXPERIMENT")
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._packages())
+        return iter(self.entries())
 
     def __len__(self) -> int:
-        return len(self._packages())
+        return len(self.entries())
 
 
-EXPERIMENTS = Experiments()
+class Papers(Mapping[str, Experiment]):
+    """Experiments that reproduce a paper, each with its paper, by the name for `stickslip reproduce`."""
+
+    def _experiments(self) -> dict[str, str]:
+        return {paper: name for name, (_, entry) in EXPERIMENTS.entries().items() for paper in entry.papers}
+
+    def __getitem__(self, name: str) -> Experiment:
+        one = EXPERIMENTS[self._experiments()[name]]
+        return one._replace(paper={p.name or one.name: p for p in (one.paper, *one.more_papers) if p}[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._experiments())
+
+    def __len__(self) -> int:
+        return len(self._experiments())
+
+
+EXPERIMENTS, PAPERS = Experiments(), Papers()
+DEFAULT = "disk-array"  # experiment of a scenario that names none
 LARGEST_INTEGER = 2**63 - 1
 INTEGER_RANGE = "integers are limited to 64 bits; use a smaller one or write it as a float such as 1e30"
 NAMED_FILES = (("sweep", "draws"), ("packing", "file"), ("packing", "contacts"), ("normal_stress", "file"))
 _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None): "null"}
 
 
-def papers() -> dict[str, Experiment]:
+def papers() -> Papers:
     """Return the experiments that reproduce a paper, each with its paper, by the name for `stickslip reproduce`."""
-    return {
-        paper.name or name: experiment._replace(paper=paper)
-        for name, experiment in EXPERIMENTS.items()
-        for paper in (experiment.paper, *experiment.more_papers)
-        if paper
-    }
+    return PAPERS
+
+
+def with_feature(has: Callable[[Experiment], Any]) -> str:
+    """Quoted names of the experiments for which a function is true, for messages; broken ones are left out."""
+    names = []
+    for name in EXPERIMENTS:
+        with suppress(ImportError):
+            names += [repr(name)] if has(EXPERIMENTS[name]) else []
+    return " and ".join(names)
 
 
 _EVERY_RUN = re.compile("|".join([FIGURES, *map(re.escape, NAMES)]))
@@ -200,7 +225,11 @@ def is_run_file(name: str) -> bool:
     """Return True if runs write files with this name."""
     if _EVERY_RUN.fullmatch(name):
         return True
-    for experiment in EXPERIMENTS:
+    if name.startswith(".") or name == MANIFEST:
+        return False
+    entries = EXPERIMENTS.entries()
+    loaded = {key: f"{wing.package}.{entry.package}" in sys.modules for key, (wing, entry) in entries.items()}
+    for experiment in sorted(entries, key=lambda key: not loaded[key]):  # few names need those not yet imported
         try:
             if _written_by(experiment).fullmatch(name):
                 return True
@@ -211,7 +240,7 @@ def is_run_file(name: str) -> bool:
 
 def list_files(folder: Path) -> list[Path]:
     """Return the sorted paths of the run files in a folder."""
-    return sorted(path for path in folder.iterdir() if is_run_file(path.name) and path.is_file())
+    return sorted(path for path in folder.iterdir() if path.is_file() and is_run_file(path.name))
 
 
 def experiment_of(scenario: ScenarioBase) -> Experiment:
@@ -258,9 +287,10 @@ def simulate(
 
 def scenario_class(tables: dict) -> type[ScenarioBase]:
     """Return the scenario class named by `experiment`, by default that of the disk array."""
-    name = tables.get("experiment", "disk-array")
+    name = tables.get("experiment", DEFAULT)
     for wing in installed().values():
-        if lacking := [need for need in wing.needs if need not in installed() and str(name) in wing.experiments]:
+        entry = wing.experiments.get(str(name))
+        if entry and (lacking := [need for need in (*wing.needs, *entry.needs) if need not in installed()]):
             raise ScenarioError(str(missing_wing(f"experiment = {name!r}", lacking[0])))
     if not EXPERIMENTS:
         raise ScenarioError(

@@ -134,7 +134,7 @@ def _pages() -> dict[str, Path]:
     """Files of the documentation pages of this package and of installed wings, by name."""
     files = sorted([*PAGES.glob("*.md"), *PAGES.glob("[!_]*/**/*.md")])
     names = [file.relative_to(PAGES).with_suffix("").as_posix() for file in files if file.name != "README.md"]
-    wing_pages = [(name, Path(wing.module().__path__[0])) for wing in wings().values() for name in wing.pages]
+    wing_pages = [(name, folder) for wing in wings().values() for folder in wing.folders() for name in wing.pages]
     wing_pages = [
         (name, folder) for name, folder in wing_pages if name not in names and (folder / f"{name}.md").is_file()
     ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import __version__
 from ..data.run_files import MEMBERS, UNFINISHED
-from ..experiments.registry import experiment_of, list_files, named_measures
+from ..experiments.registry import DEFAULT, experiment_of, list_files, named_measures
 
 if TYPE_CHECKING:  # these need xarray, SciPy's statistics and Matplotlib
     from .sweep.run import SweepResult
@@ -81,7 +81,7 @@ def describe_sweep(command: str, folder: Path, swept: "SweepResult", ranges: dic
     more = [folder / name for name in comparison_files() if (folder / name).is_file()]
     files = [folder / DATASET, *more, folder / MEMBERS]
     out = common_fields(command, files=files, folder=folder, status=status)
-    experiment = swept.sweep.base.get("experiment", "disk-array")
+    experiment = swept.sweep.base.get("experiment", DEFAULT)
     about = {"experiment": experiment, "digest": swept.sweep.digest}
     more = {"members": members | {"failed": len(failures)}, "refused": dict(swept.sweep.refused), "ranges": ranges}
     return out | {"scenario": about} | more | {"remarks": list(swept.remarks), "failures": failures}

@@ -26,7 +26,7 @@ from ...core.readable import format_value, pluralize, readable
 from ...core.text import shortened
 from ...data.law_schema import trust_law_files, with_checksums
 from ...data.schema import LARGEST, ScenarioBase, ScenarioError, field_at, validate_table, with_value
-from ...experiments.registry import read_tables, scenario, scenario_class
+from ...experiments.registry import DEFAULT, read_tables, scenario, scenario_class
 from .axes import (
     BATCHES,
     OPTIONS,
@@ -231,7 +231,7 @@ def describe_differences(old: dict, new: dict) -> str:
 def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
     """Return the dotted keys of the base with their values, the swept keys, and the mode."""
     table = tables.get("sweep", {})
-    base = {"experiment": "disk-array"} | flatten({k: v for k, v in tables.items() if k != "sweep"})
+    base = {"experiment": DEFAULT} | flatten({k: v for k, v in tables.items() if k != "sweep"})
     return base, list(swept_entries(table)), table.get("mode", "grid")
 
 

@@ -45,7 +45,7 @@ class ModelOptions(NamedTuple):
         return tuple(dict.fromkeys(names))
 
 
-@command(epilog=FIT, short_help="Fit rate-and-state friction to a record.")
+@command(epilog=FIT)
 def fit(
     *,
     file: Annotated[Path, typer.Argument(help="A record as text, HDF5, MATLAB or XLOOK: time [s], load_point [um], …")],

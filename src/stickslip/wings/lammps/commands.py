@@ -20,7 +20,7 @@ WATCH = examples(
 NAME = "watch.csv"
 
 
-@command(epilog=WATCH, short_help="Follow the dumps of a running LAMMPS simulation.")
+@command(epilog=WATCH)
 @in_units_of_packing
 def watch(
     *,

@@ -1,13 +1,15 @@
 """Definition of the papers wing."""
 
-from ...wing import Wing
+from ...wing import ExperimentEntry, Wing
 
 WING = Wing(
     package=__package__,
     words="four papers, with their claims",
-    needs=("faults", "status", "lammps"),
     experiments={
-        "disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid", "gouge": "gouge"
+        "disk-array": ExperimentEntry("disk_array", papers=("disk-array",)),
+        "sphere-shear": ExperimentEntry("sphere_shear", papers=("sphere-shear",)),
+        "quasi-rigid": ExperimentEntry("quasi_rigid", needs=("status",), papers=("quasi-rigid",)),
+        "gouge": ExperimentEntry("gouge", needs=("faults", "lammps"), papers=("gouge",)),
     },
     pages=(
         "disk_array", "sphere_shear", "pairs_by_law", "quasi_rigid", "gouge", "tutorials/fault_gouge", "theory/gouge",

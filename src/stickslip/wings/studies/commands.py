@@ -36,7 +36,7 @@ SHEAR = examples(
 )
 
 
-@command(epilog=SHEAR, short_help="When will this packing fail?")
+@command(epilog=SHEAR)
 @in_units_of_packing
 def shear(
     *,

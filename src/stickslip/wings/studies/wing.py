@@ -1,12 +1,16 @@
-"""Definition of the studies wing, which also uses the papers wing."""
+"""Definition of the studies wing."""
 
-from ...wing import Wing
+from ...wing import Command, ExperimentEntry, Wing
 
 WING = Wing(
     package=__package__,
     words="granular flows, thresholds of friction, a catalogue of events, failure of a packing",
-    needs=("papers", "faults", "status", "lammps"),
-    experiments={"flow": "flow", "threshold": "threshold", "catalogue": "catalogue", "failure": "failure"},
-    commands="commands",
+    experiments={
+        "flow": ExperimentEntry("flow", needs=("lammps",)),
+        "threshold": ExperimentEntry("threshold", needs=("papers", "faults", "lammps")),
+        "catalogue": ExperimentEntry("catalogue"),
+        "failure": ExperimentEntry("failure"),
+    },
+    commands=(Command("shear", "When will this packing fail?", "commands.shear"),),
     pages=("catalogue", "failure"),
 )
