@@ -8,38 +8,20 @@ from stickslip.core.units import in_units
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.runs.sweep.dataset import open_sweep
 from stickslip.runs.sweep.run import run_sweep
+from tests import measures
 from tests.restart.test_resume import FEWER
-from tests.unit.test_measures import UNITS
-
-SWEPT = {  # the swept key and a measure with its unit
-    "disk-array": ({"law.mu": [10.0]}, "largest_growth_rate", "1/time"),
-    "sphere-shear": ({"law.mu": [10.0]}, "coordination", "1"),
-    "quasi-rigid": ({"law.mu": [0.5]}, "stress_ratio", "1"),
-    "flow": ({"grains.number": [40]}, "deposit_top", "length"),
-    "gouge": ({"law.mu": [0.5]}, "steady_friction@0.3", "1"),
-    "catalogue": ({"law.mu": [0.5]}, "events", "1"),
-    "failure": ({"law.mu": [10.0]}, "stress", "force/length^(dim-1)"),
-    "rate-state": ({"surface.law": ["slip"]}, "critical_stiffness", "1/m"),
-    "threshold": ({"kicks.realizations": [1]}, "largest_share@1e-06", "1"),
-    "element-test": ({"sample.friction": [0.2]}, "phi_peak", "degrees"),
-    "cyclic-shear": ({"sample.friction": [0.2]}, "G_smallest", "N/m"),
-    "fault": ({"friction.dc": [6e-3]}, "energy_residual", "1"),
-}
-
-
-def test_all_experiments_are_here():
-    assert set(SWEPT) == set(EXPERIMENTS)
 
 
 @pytest.mark.parametrize(
     "experiment",
     [
         pytest.param(name, marks=[pytest.mark.slow] * (name in ("quasi-rigid", "gouge", "cyclic-shear")))
-        for name in SWEPT
+        for name in EXPERIMENTS
     ],
 )
 def test_a_member_leaves_numbers_with_units(experiment, tmp_path):
-    tables, (table, name, unit) = EXPERIMENTS[experiment].smallest[0] | FEWER.get(experiment, {}), SWEPT[experiment]
+    tables = EXPERIMENTS[experiment].smallest[0] | FEWER.get(experiment, {})
+    table, name, unit = measures.tested(experiment).SWEPT
     swept = run_sweep(ss.sweep(experiment=experiment, **tables, sweep=table), tmp_path, workers=1)
     assert swept.failures == [""]
     found = open_sweep(tmp_path)
@@ -48,7 +30,8 @@ def test_a_member_leaves_numbers_with_units(experiment, tmp_path):
     left = {key.partition("@")[0]: found[key].attrs["units"] for key in found if "units" in found[key].attrs}
     assert left.pop("seconds") == "s"
     units = ss.scenario(experiment=experiment, **tables).named_units
-    assert left.items() <= {name: in_units(unit, units) for name, unit in UNITS[experiment].items()}.items()
+    wanted = measures.units(experiment)
+    assert left.items() <= {name: in_units(unit, units) for name, unit in wanted.items()}.items()
 
 
 @pytest.mark.slow

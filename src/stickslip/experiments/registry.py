@@ -209,7 +209,7 @@ def with_feature(has: Callable[[Experiment], Any]) -> str:
     for name in EXPERIMENTS:
         with suppress(ImportError):
             names += [repr(name)] if has(EXPERIMENTS[name]) else []
-    return " and ".join(names)
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
 _EVERY_RUN = re.compile("|".join([FIGURES, *map(re.escape, NAMES)]))

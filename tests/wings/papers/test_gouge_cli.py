@@ -83,7 +83,7 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path, monkeypatch):
     [
         (
             ["run", EXAMPLES / "disk_array.toml", "--engine", "lammps"],
-            "applies to the experiments 'gouge' and 'flow' only",
+            "applies to the experiments 'gouge', 'flow' and 'element-test' only",
         ),
         (["run", EXAMPLES / "gouge.toml", "--engine", "yade"], "use stickslip, lammps"),
     ],
