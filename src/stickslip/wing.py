@@ -51,6 +51,7 @@ class ExperimentEntry(NamedTuple):
     package: str  # with its `EXPERIMENT`
     needs: tuple[str, ...] = ()  # names of the wings that it imports, directly or indirectly
     papers: tuple[str, ...] = ()  # names for `stickslip reproduce`
+    meant_by: str = ""  # words with which users look for it, separated by spaces
 
 
 class Wing(NamedTuple):

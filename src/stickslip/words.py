@@ -12,7 +12,9 @@ from contextlib import suppress
 from functools import cache
 from importlib import import_module
 
-# public names, or commands in backticks, and words for them
+from .wing import wings
+
+# public names, or commands in backticks, and words for them; those for experiments are in the heads of wings
 MEANT = {
     "packings.jammed": "cloud make_cloud jam random random_packing generate pack packing create_packing make_packing "
     "jamming rcp rlp",
@@ -139,18 +141,6 @@ MEANT = {
     "friction.healing": "frictional_healing ageing aging contact_age",
     "friction": "friction_coefficient rsf",
     "laws": "friction_coefficient coulomb coulomb_friction potential interaction pair_style force_law",
-    "experiments.gouge": "ringshear ring_shear rotary_shear annular_shear velocity_step fault_gouge granular_fault",
-    "experiments.element_test": "triax brazilian brazilian_test indirect_tension element_tests soils soil "
-    "triaxial_test triaxial oedometer oedometric friction_angle dilatancy dilation critical_state mohr_circle mohr "
-    "mohr_coulomb undrained drained cohesion_intercept peak geotechnical simple_shear_test plane_strain k0 skempton "
-    "compression_index swelling_index swelling consolidation fit_envelope mohr_envelope csl ucs uniaxial_compression "
-    "unconfined_compression direct_tension tensile_strength rock",
-    "experiments.cyclic_shear": "cyclic cyclic_triaxial liquefaction damping_ratio g_gmax shear_modulus_reduction "
-    "hysteresis return_point cyclic_loading fatigue compaction",
-    "experiments.flow": "hopper silo drum rotating_drum column_collapse angle_of_repose mu_i rheology granular_flow "
-    "plane_shear_flow chute inclined_plane heap pile discharge granular_temperature_profile slope avalanche_flow",
-    "experiments.threshold": "static_friction yield_stress yield kinetic_friction peak_friction residual_friction",
-    "experiments.catalogue": "catalog statistics_of_events",
     "protocols.run_batch": "gpu cuda device parallel batch ensemble_run",
     "run_sweep": "sweep parameter_study parameter_sweep grid_search scan parallel",
     "ensemble.run_members": "parallel multiprocessing dask ensemble cluster slurm",
@@ -226,11 +216,17 @@ def suggestions(word: str, limit: int = 3) -> list[str]:
     names = public_names_by_space()
     for forms in ((word,), (word.rstrip("s"), f"{word}s", word.replace("_", "")), _without_an_end(word)):
         found = [f"{space}.{name}".lstrip(".") for space, own in names.items() for name in own if name.lower() in forms]
-        meant = [target for target, words in MEANT.items() if not {*forms}.isdisjoint(words.split())]
-        found += [one for one in meant if one.partition("experiments.")[2] in ("", *names["experiments"])]
+        found += [target for target, words in meant().items() if not {*forms}.isdisjoint(words.split())]
         if found:
             return list(dict.fromkeys(found))[:limit]
     return (_spelled_like(word, names) or with_rarest_parts(word, _overview()))[:limit]
+
+
+def meant() -> dict[str, str]:
+    """Words for public names, for the experiments of all wings, and for commands."""
+    entries = [one for wing in wings().values() for one in wing.experiments.values()]
+    names, commands = ({k: v for k, v in MEANT.items() if k.startswith("`") == kind} for kind in (False, True))
+    return names | {f"experiments.{one.package}": one.meant_by for one in entries if one.meant_by} | commands
 
 
 def options_like(word: str, options: list[str]) -> list[str]:

@@ -9,7 +9,7 @@ import pytest
 
 import stickslip
 from stickslip.cli.app import commands, commands_like
-from stickslip.words import MEANT, suggestions
+from stickslip.words import meant, suggestions
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -130,7 +130,7 @@ def test_names_of_other_programs_lead_to_names_that_exist():
         stickslip.read  # noqa: B018
     with pytest.raises(AttributeError, match=r"did you mean `stickslip report`\?"):
         stickslip.report  # noqa: B018
-    for path in MEANT:
+    for path in meant():
         if not path.startswith("`"):
             assert attrgetter(path)(stickslip), path
         elif path.startswith("`stickslip ") and "--" not in path:
