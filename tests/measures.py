@@ -18,7 +18,6 @@ WRITTEN = {  # as dimensions, and in SI
 }  # fmt: skip
 
 
-
 def both(names: str) -> str:
     """Names of measures and of their errors."""
     return " ".join(f"{name} {name}_error" for name in names.split())

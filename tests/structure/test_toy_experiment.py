@@ -32,7 +32,7 @@ from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.doctor import PROBLEM, measure
 from stickslip.experiments import EXPERIMENTS, Experiment
-from stickslip.experiments.registry import _written_by, papers
+from stickslip.experiments.registry import _written_by, papers, table_of
 from stickslip.kit import Measures, Quantities, Quantity, result_of
 from stickslip.runs import bundled
 from stickslip.runs.folder import write_result
@@ -343,15 +343,28 @@ def test_what_cannot_be_imported_names_its_wing_and_is_missed_by_nothing_else(od
     assert "contact force, normal" in numbers and any(isinstance(one, wing.Selfcheck) for one in numbers.values())
 
 
-def test_the_wing_among_the_examples_runs(install, tmp_path, monkeypatch):
+def test_the_wing_among_the_examples_runs(install, tmp_path, monkeypatch, capfd):
+    """It has help, shell completion and pages; its measure is a quantity with a meaning."""
     folder = ROOT / "examples" / "wing"
     monkeypatch.syspath_prepend(folder)
     entries = tomllib.loads((folder / "pyproject.toml").read_text())["project"]["entry-points"][GROUP]
     install(*(EntryPoint(name, value, GROUP) for name, value in entries.items()))
+    assert sum(len(path.read_text().splitlines()) for path in folder.rglob("*.py")) <= 60
     assert bundled.pages()["bouncing"] == "A bouncing disk" and "rebound" in bundled.page("bouncing")
+    assert call(monkeypatch, "run", "--help") == 0
+    assert "rate-state, fault, bouncing." in " ".join(capfd.readouterr().out.split())
+    assert call(monkeypatch, "docs", "scenario/bouncing") == 2
+    assert "there is no page 'scenario/bouncing': use bouncing\n" in capfd.readouterr().err
+    monkeypatch.setenv("COMP_WORDS", "stickslip docs boun")
+    monkeypatch.setenv("COMP_CWORD", "2")
+    with monkeypatch.context() as shell:
+        shell.setenv("_STICKSLIP_COMPLETE", "complete_bash")
+        assert call(shell) == 0
+    assert capfd.readouterr().out.split() == ["bouncing"]
     (tmp_path / "bouncing.toml").write_text('experiment = "bouncing"\nheight = 2.0\n')
     assert call(monkeypatch, "run", tmp_path / "bouncing.toml", "--out", tmp_path / "out") == 0
     assert (tmp_path / "out" / "fig1_height.png").exists()
+    assert table_of(EXPERIMENTS["bouncing"]).row("rebound").meaning == "height of the rebound over the initial height"
     data = ss.io.open_dataset(tmp_path / "out")["numbers"]
     restitution = np.exp(-np.pi * 0.05 / np.sqrt(1 - 0.05**2))  # of a linear spring with 5 % of the critical damping
     assert np.sqrt(data.height[np.argmin(data.height.values) :].max() / 2.0) == pytest.approx(restitution, rel=5e-3)
@@ -504,8 +517,20 @@ def test_a_public_name_of_a_missing_wing_names_it(monkeypatch):
         ss.quasirigid.load_path  # noqa: B018
 
 
-def test_without_any_wing_scenarios_name_no_experiment(install):
+@pytest.mark.parametrize("pages", ["pages=()", "pages=('guide',)"])
+def test_without_a_page_of_its_keys_the_pages_of_its_wing_are_named(pages, odd, monkeypatch, capfd):
+    odd(f"experiments={{'odd': 'lost'}}, {pages}")
+    Path(sys.path[0], "odd_wing", "guide.md").write_text("# Guide\n")
+    assert call(monkeypatch, "docs", "scenario/odd") == 2
+    said = "use guide" if "guide" in pages else "the package of this experiment, odd_wing, has no pages"
+    assert capfd.readouterr().err == f"stickslip: there is no page 'scenario/odd': {said}\n"
+
+
+def test_without_any_wing_scenarios_and_papers_have_no_name(install, monkeypatch, capfd):
     install(without=[*wing.wings()])
+    assert call(monkeypatch, "reproduce", "gouge") == 2
+    said = "stickslip: 'gouge' is not available, as no installed wing has papers: install stickslip again\n"
+    assert capfd.readouterr().err == said
     assert not EXPERIMENTS
     with pytest.raises(
         ss.experiments.ScenarioError, match="experiment = 'gouge' is not available, as no wing is installed"

@@ -5,15 +5,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 import stickslip as ss
-from stickslip.kit import Experiment, Positive, ScenarioBase, column_axes, console, label_axes, styled
+from stickslip import kit
 
 
-class Bouncing(ScenarioBase):
+class Bouncing(kit.ScenarioBase):
     """A disk of diameter, mass and stiffness 1 that falls on a floor."""
 
     experiment: Literal["bouncing"] = "bouncing"
-    height: Positive = 1.0
-    damping: Positive = 0.1
+    height: kit.Positive = 1.0
+    damping: kit.Positive = 0.1
 
 
 class Bounce(NamedTuple):
@@ -35,24 +35,20 @@ def simulate(scenario, *, folder=None, workers=None, report=None) -> Bounce:
     return Bounce(scenario, record.time, record.position[:, 0, 1] - 0.5)
 
 
-@styled
+@kit.styled
 def draw(result: Bounce):
     """Height against time."""
-    figure, axes = column_axes()
+    figure, axes = kit.column_axes()
     axes.plot(result.time, result.height)
-    label_axes(axes, x=("time", "time"), y=("height", "length"))
+    kit.label_axes(axes, x=("time", "time"), y=("height", "length"))
     return figure
 
 
-def rebound(result: Bounce) -> float:
-    """Height of the rebound over the initial height."""
-    return float(result.height[np.argmin(result.height) :].max() / result.height[0])
-
-
-EXPERIMENT = Experiment(
-    Bouncing, "a disk that falls on a floor and bounces", simulate,
+REBOUND = kit.Quantity("rebound", "1", "height of the rebound over the initial height",
+                       lambda result: result.height[np.argmin(result.height) :].max() / result.height[0])  # fmt: skip
+EXPERIMENT = kit.Experiment(
+    Bouncing, "a disk that falls on a floor and bounces", simulate, measures=kit.Measures([REBOUND]),
     numbers=lambda result: {"time": result.time, "height": result.height},
-    measures=lambda result: {"rebound": (rebound(result), "1")},
-    show=lambda result: console.print(f"rebound: {rebound(result):.4g} of the height"),
+    show=lambda result: kit.console.print(f"rebound: {REBOUND.of(result):.4g} of the height"),
     figures=lambda result: [("fig1_height.png", draw(result))],
 )  # fmt: skip

@@ -15,7 +15,7 @@ from ..core.laws.builtin import Law
 from ..core.state import State
 from ..data.run_files import check_free
 from ..data.schema import ScenarioBase
-from ..experiments.registry import experiment_of, read_scenario, read_tables
+from ..experiments.registry import EXPERIMENTS, experiment_of, read_scenario, read_tables
 from ..experiments.registry import scenario as make_scenario
 from ..loading.reading import read_packing
 from ..wing import wings
@@ -153,8 +153,12 @@ def page(name: str) -> str:
     installed = _pages()
     meant = [name] if name in installed else [key for key in installed if key.rpartition("/")[2] == name]
     if len(meant) != 1:
+        wing, _ = EXPERIMENTS.entries().get(name.removeprefix("scenario/"), (None, None))
+        if wing and not installed.keys() & set(wing.pages):
+            raise ValueError(f"there is no page {name!r}: the package of this experiment, {wing.package}, has no pages")
         near = (
-            [key for key in installed if name.rpartition("/")[2] in key]
+            [key for key in (wing.pages if wing else ()) if key in installed]
+            or [key for key in installed if name.rpartition("/")[2] in key]
             or get_close_matches(name, installed, 3)
             or installed
         )
