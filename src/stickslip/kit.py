@@ -2,7 +2,7 @@
 
 Wings and their experiments
 
-    Wing, ExperimentEntry, Command, FileFormat      head of a wing, and what it lists
+    Wing, ExperimentEntry, Command, FileFormat      head of a wing, and its entries
     Selfcheck                   a number that `stickslip doctor` compares
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims

@@ -108,7 +108,7 @@ def wings() -> dict[str, Wing]:
 
 @cache
 def installed() -> dict[str, Wing]:
-    """Heads of all installed wings, by name; what is broken or exists already is left out with a warning."""
+    """Heads of all installed wings, by name, without broken or repeated parts, which a warning names."""
     order = {"papers": 0, "studies": 1, "soils": 2, "faults": 3}  # the order of experiments in lists
     found: dict[str, Wing] = {}
     taken: set[tuple[str, str]] = set()
@@ -164,14 +164,14 @@ def without_wing(user: str, problem: ModuleNotFoundError) -> ImportError:
     return missing_wing(user, name) if package == f"{__package__}.wings" else problem
 
 
-SAMPLES: dict[str, Any] = {  # parts of a head, each with a sample of what it consists of
+SAMPLES: dict[str, Any] = {  # parts of a head, each with a sample of its entries
     "experiments": ExperimentEntry(""), "commands": Command("", "", ""), "formats": FileFormat(""), "needs": "",
     "pages": "", "selfchecks": "", "fault": "",
 }  # fmt: skip
 
 
 def _sound(wing: Wing, taken: set[tuple[str, str]]) -> tuple[Wing, list[str]]:
-    """The head without broken parts and taken names, to which its own are added; and what is wrong with them."""
+    """The head without broken parts and taken names, to which its own are added, and the faults found in it."""
     parts: dict[str, Any] = {}
     wrong = []
     for field in SAMPLES:

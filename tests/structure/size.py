@@ -10,10 +10,12 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter, defaultdict
+from inspect import ismodule
 
 from rich.console import Console
 from rich.table import Table
 
+from stickslip import kit
 from tests import rooms
 
 PACKAGE = rooms.PACKAGE
@@ -52,6 +54,22 @@ def internal_names(within: str = "") -> dict[str, set[str]]:
     return found
 
 
+def attributes_of_modules() -> set[str]:
+    """Attributes that wings reach through modules of the laboratory which the kit contains, such as `kit.style`."""
+    modules = {name: value.__name__ for name in kit.__all__ if ismodule(value := getattr(kit, name))}
+    found = set()
+    for path in (PACKAGE / "wings").rglob("*.py"):
+        nodes = [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+        imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and (node.module or "").endswith("kit")]
+        names = {
+            one.asname or one.name: modules[one.name] for node in imports for one in node.names if one.name in modules
+        }
+        for node in nodes:
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in names:
+                found.add(f"{names[node.value.id]}.{node.attr}")
+    return found
+
+
 def helpers() -> tuple[int, int]:
     """Number of private helpers that are used once, and of all functions."""
     texts = [path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")]
@@ -63,6 +81,8 @@ def helpers() -> tuple[int, int]:
 
 def main() -> None:
     """Print the table."""
+    from tests.structure.test_extending import CHANGED, EXPERIMENT
+
     counts, inner, (once, every) = lines(), internal_names(), helpers()
     sample = PACKAGE.parents[1] / "examples" / "sheared_spheres.npz"
     with tempfile.TemporaryDirectory() as folder:
@@ -77,8 +97,10 @@ def main() -> None:
         (f"largest wing ({largest}), lines", f"{counts[largest]:,}", "9,500", "8,000"),
         ("files", f"{len(files)}", "330", "280"),
         ("internal names that wings import", f"{len(set().union(*inner.values()))}", "0", "0"),
+        ("names that wings reach through modules of the kit", f"{len(attributes_of_modules())}", "–", "–"),
+        ("files of a new experiment + changed ones", f"{len(EXPERIMENT)} + {len(CHANGED)}", "–", "–"),
         ("own modules of `stickslip stability`", run.stdout.split()[-1], "80", "60"),
-        ("private helpers used once", f"{once / every:.0%}", "15 %", "11 %"),
+        ("private helpers used once", f"{once / every:.1%}", "15 %", "11 %"),
     ]
     for row in rows:
         table.add_row(*row)

@@ -178,6 +178,147 @@ CLAIM = {  # text of the claims of sheared spheres, and the text that comes befo
 }
 
 
+EXPERIMENT = {  # files of the folder of an experiment
+    "scenario.py": '''\
+"""Scenario of tosses of a coin."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from ....kit import NotNegative, ScenarioBase, Seed
+
+
+class CoinScenario(ScenarioBase):
+    """A hundred tosses of a coin."""
+
+    experiment: Literal["coins"] = "coins"
+    seed: Seed = 0
+    bias: NotNegative = Field(0.5, description="probability of heads")
+''',
+    "simulate.py": '''\
+"""Tosses of a coin."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .scenario import CoinScenario
+
+
+class Tosses(NamedTuple):
+    """Heads and tails."""
+
+    scenario: CoinScenario
+    heads: np.ndarray  # (T,) 1 for heads
+
+
+def simulate(scenario, *, folder=None, workers=None, report=None) -> Tosses:
+    """Toss the coin."""
+    return Tosses(scenario, (np.random.default_rng(scenario.seed).random(100) < scenario.bias).astype(float))
+''',
+    "report.py": '''\
+"""Measures, archive and summary of tosses of a coin."""
+
+from ....kit import Measures, Quantity, console
+
+MEASURES = Measures([Quantity("share", "1", "share of heads", lambda result: result.heads.mean())])
+
+
+def numbers(result) -> dict:
+    """Contents of the archive."""
+    return {"heads": result.heads}
+
+
+def show(result) -> None:
+    """Print the number of heads."""
+    console.print(f"{result.heads.sum():.0f} heads")
+
+
+def figures(result):
+    """Figures of a run."""
+    from .figures import draw
+
+    yield "fig1_heads.png", draw(result)
+''',
+    "figures.py": '''\
+"""Figure of tosses of a coin."""
+
+from ....kit import column_axes, label_axes, styled
+
+
+@styled
+def draw(result):
+    """Number of heads against the number of tosses."""
+    figure, axes = column_axes()
+    axes.plot(result.heads.cumsum())
+    label_axes(axes, x=("tosses", "1"), y=("heads", "1"))
+    return figure
+''',
+    "__init__.py": '''\
+"""Tosses of a coin."""
+
+from functools import partial
+
+from ....kit import Experiment, lazy_function, lazy_functions
+from .scenario import CoinScenario
+
+_here = partial(lazy_function, __name__)
+
+EXPERIMENT = Experiment(
+    scenario=CoinScenario,
+    words="tosses of a coin",
+    simulate=_here("simulate.simulate"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures"),
+    measures=_here("report.MEASURES"),
+    references=lambda scenario: {},
+    smallest=({},),
+    parallel=False,
+)
+''',
+}
+CHANGED = {  # existing files, each with the text before which a line is inserted
+    "src/stickslip/wings/studies/wing.py": (
+        '        "failure": ExperimentEntry("failure"),', '        "coins": ExperimentEntry("coins"),\n',
+    ),
+}  # fmt: skip
+THERE = """
+import runpy
+import sys
+import stickslip as ss
+import stickslip.experiments.coins.simulate
+from stickslip.cli import main
+assert "coins" in ss.experiments.__all__ and ss.figures.coins.draw.__doc__
+swept = ss.run_sweep(ss.sweep(experiment="coins", sweep={"bias": [0.0, 1.0]}), "sweep", workers=1)
+assert list(ss.io.open_sweep("sweep").share.values) == [0.0, 1.0] and swept.failures == ["", ""]
+page = runpy.run_path(sys.argv[1])["page"]("coins", ss.experiments.coins.CoinScenario)
+assert "| `share` | – | share of heads |" in page and "| `bias` |" in page
+sys.argv = ["stickslip", "run", "coins.toml", "--out", "out"]
+main()
+"""
+GONE = """
+import stickslip as ss
+from stickslip.words import suggestions
+for name in ("coins", "threshold"):
+    for space in (ss.experiments, ss.figures):
+        assert name not in dir(space) and name not in space.__all__
+        try:
+            getattr(space, name)
+        except AttributeError as said:
+            assert f"has no attribute '{name}'" in str(said), said
+        else:
+            raise AssertionError(name)
+    try:
+        ss.scenario(experiment=name)
+    except ss.experiments.ScenarioError as said:
+        assert f"'flow', 'catalogue', 'failure', 'element-test', " in str(said) and f"got '{name}'" in str(said)
+    else:
+        raise AssertionError(name)
+assert "experiments.threshold" not in suggestions("yield_stress")
+assert ss.experiments.gouge.EXPERIMENT.name == "gouge" and ss.simulate(ss.scenario(experiment="rate-state"))
+"""
+
+
 def copy_sources(to: Path) -> None:
     for folder in ("src", "tests", "docs", "examples"):
         shutil.copytree(ROOT / folder, to / folder, ignore=shutil.ignore_patterns("__pycache__", "_build"))
@@ -235,6 +376,30 @@ def test_a_file_format_needs_a_module_and_a_line_to_read_and_to_write_it(tmp_pat
     for after, text in DOOR.items():
         insert(door, after, text)
     run_python(tmp_path, "-c", TRADE)
+
+
+def test_an_experiment_needs_a_folder_and_a_line_and_is_deleted_with_them(tmp_path):
+    """As `docs/about/extending.md` says; it can be run, drawn, and read about. The same for one that exists."""
+    recipe = (ROOT / "docs/about/extending.md").read_text().partition("**An experiment.**")[2].partition("**A file")[0]
+    assert all(f"`{name}`" in recipe for name in ("wing.py", *EXPERIMENT))
+    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", ".objects"))
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    wing = tmp_path / "src/stickslip/wings/studies"
+    head, folder = wing / "wing.py", wing / "coins"
+    before = head.read_text()
+    folder.mkdir()
+    for name, text in EXPERIMENT.items():
+        (folder / name).write_text(text)
+    for name, (after, text) in CHANGED.items():
+        insert(tmp_path / name, after, text)
+    (tmp_path / "coins.toml").write_text('experiment = "coins"\nbias = 1.0\n')
+    assert "100 heads" in run_python(tmp_path, "-c", THERE, str(ROOT / "docs" / "scenario_reference.py"))
+    assert {"fig1_heads.png", "results.h5"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    shutil.rmtree(folder)
+    shutil.rmtree(wing / "threshold")
+    entry = before.index('        "threshold": ')
+    head.write_text(before[:entry] + before[before.index('        "catalogue": ') :])
+    run_python(tmp_path, "-c", GONE)
 
 
 @pytest.mark.usefixtures("plain_figures")
