@@ -2,6 +2,7 @@
 
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -48,6 +49,36 @@ def test_import_stays_light(code, heavy):
     code = f"import sys; {code}; print([m for m in {heavy!r} if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
+
+
+LOADED = """
+import re, sys
+from stickslip.cli import main
+sys.argv[0] = "stickslip"
+try:
+    main()
+except SystemExit:
+    pass
+print(*sorted(name for name in sys.modules if re.fullmatch(r"stickslip\\.wings\\.\\w+\\.(?!wing$)\\w+", name)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "loaded"),
+    [
+        ("--help", []),
+        ("stability few.npz -q", []),
+        ("shear --help", ["studies.commands"]),
+        ("run examples/rate_state.toml --out out -q", ["faults.friction", "faults.rate_state"]),
+        ("reproduce sphere-shear --full", ["papers.sphere_shear"]),  # has no such option
+    ],
+)
+def test_commands_import_only_what_they_use(words, loaded, few_spheres, tmp_path):
+    shutil.copy(few_spheres, tmp_path / "few.npz")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    call = [sys.executable, "-c", LOADED, *words.split()]
+    said = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert said.splitlines()[-1].split() == [f"stickslip.wings.{name}" for name in loaded], said
 
 
 def test_no_public_name_is_that_of_a_module_beside_it():

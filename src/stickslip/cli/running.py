@@ -55,7 +55,7 @@ def _papers() -> dict[str, str]:
 
     found = {}
     for name in papers():
-        with suppress(ImportError):
+        with suppress(Exception):  # third-party code
             found[name] = papers()[name].words
     return found
 

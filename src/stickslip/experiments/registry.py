@@ -207,7 +207,7 @@ def with_feature(has: Callable[[Experiment], Any]) -> str:
     """Quoted names of the experiments for which a function is true, for messages; broken ones are left out."""
     names = []
     for name in EXPERIMENTS:
-        with suppress(ImportError):
+        with suppress(Exception):  # third-party code
             names += [repr(name)] if has(EXPERIMENTS[name]) else []
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
