@@ -178,7 +178,7 @@ def _sound(wing: Wing, taken: set[tuple[str, str]]) -> tuple[Wing, list[str]]:
         value, default = getattr(wing, field), Wing._field_defaults[field]
         kinds = list if isinstance(default, tuple) else Mapping if isinstance(default, dict) else str
         if not isinstance(value, (kinds, type(default))):
-            wrong.append(f"{field} is a {type(value).__name__}, not a {type(default).__name__}")
+            wrong.append(f"{field} must be a {type(default).__name__}, got {type(value).__name__}")
             value = default
         kept = {}
         for name, one in value.items() if kinds is Mapping else enumerate([value] if kinds is str else value):
@@ -195,10 +195,12 @@ def _sound(wing: Wing, taken: set[tuple[str, str]]) -> tuple[Wing, list[str]]:
 def _check(package: str, field: str, name: Any, one: Any, taken: set[tuple[str, str]]) -> None:
     """Check one part of a head, and add its names to those taken; raise ValueError if it cannot be used."""
     sample = SAMPLES[field]
-    texts = [text for value in one for text in value if isinstance(value, tuple)] if isinstance(one, tuple) else []
-    kinds = [*map(type, one)] == [*map(type, sample)] if isinstance(one, tuple) else True
-    if type(one) is not type(sample) or not kinds or not all(isinstance(text, str) for text in texts):
-        raise ValueError(f"{one!r} is not like {sample!r}")
+    inner = [*map(type, one)] if isinstance(one, tuple) else []
+    texts = [name] if field == "experiments" else []
+    texts += [text for value in one if isinstance(value, tuple) for text in value] if inner else []
+    if type(one) is not type(sample) or (inner and inner != [*map(type, sample)]) or {*map(type, texts)} - {str}:
+        form = f"have the form {sample!r}" if isinstance(sample, tuple) else "be a str"
+        raise ValueError(f"{one!r} must {form}")
     names: list[tuple[str, str]] = []
     paths = [one] if field in ("selfchecks", "fault") else []
     if field == "experiments":
@@ -207,7 +209,7 @@ def _check(package: str, field: str, name: Any, one: Any, taken: set[tuple[str, 
     elif field == "commands":
         names, paths = [("command", one.name)], [one.function]
     elif field == "formats":
-        paths = [one.read, one.write]
+        names, paths = [("file extension", one.suffix)] if one.suffix else [], [one.read, one.write]
         try:
             re.compile(one.start)
         except re.error as problem:
@@ -229,7 +231,8 @@ def _has_module(*parts: str) -> bool:
 
 def _warn(entry: EntryPoint, what: str, said: str) -> None:
     owner = f" of {entry.dist.name} {entry.dist.version}" if entry.dist else ""
-    warnings.warn(f"the wing {entry.name}{owner} {what} ({said}): repair or uninstall its package", stacklevel=3)
+    message = f"the wing {entry.name}{owner} {what} ({said}): repair or uninstall its package"
+    warnings.warn(" ".join(message.split()), stacklevel=3)
 
 
 def _said(problem: BaseException) -> str:
