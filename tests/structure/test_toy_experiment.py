@@ -324,11 +324,10 @@ def test_a_broken_head_gives_one_line_and_takes_nothing_with_it(head, odd, few_s
 
 
 def test_what_cannot_be_imported_names_its_wing_and_is_missed_by_nothing_else(odd, tmp_path, monkeypatch, capfd):
-    """An experiment with a paper, a command and self-checks."""
+    """An experiment with a paper, and a command."""
     odd(
         "experiments={'odd': ExperimentEntry('lost', papers=('odd-paper',))}, "
-        "commands=(Command('odd', 'x', 'lost.run'),), selfchecks='checks.odd'",
-        checks="from stickslip.wing import Selfcheck\nodd = lambda: {'odd': Selfcheck('a', 0.0, 1, 'x')}",
+        "commands=(Command('odd', 'x', 'lost.run'),)"
     )
     (tmp_path / "odd.toml").write_text('experiment = "odd"\n')
     said = "lost.EXPERIMENT of the wing odd_wing cannot be imported (No module named 'absent_library'): repair or unin"
@@ -342,8 +341,22 @@ def test_what_cannot_be_imported_names_its_wing_and_is_missed_by_nothing_else(od
     (tmp_path / "coins.toml").write_text('experiment = "coins"\n')
     assert call(monkeypatch, "run", tmp_path / "coins.toml", "--out", tmp_path / "out", "--device", "cuda") == 2
     assert "--device is available for single runs of 'disk-array' and 'gouge' only" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("checks", "said"),
+    [
+        ("odd = lambda: {'odd': Selfcheck('a', 0.0, 1, 'x')}", "odd: ValueError: could not convert string to float"),
+        ("odd = lambda: None", "odd: AttributeError: "),
+        ("odd = lambda: exit(3)", "odd: SystemExit: 3"),
+        ("", "odd: MissingWingError: checks.odd of the wing odd_wing cannot be imported (module"),
+        ("raise SystemExit(3)", "odd: MissingWingError: checks.odd of the wing odd_wing cannot be imported (3)"),
+    ],
+)
+def test_self_checks_that_fail_are_reported_and_the_others_are_done(checks, said, odd):
+    odd("selfchecks='checks.odd'", checks=f"from stickslip.wing import Selfcheck\n{checks}")
     numbers = measure()
-    assert "odd: ValueError: could not convert string to float: 'a'" in numbers[PROBLEM]
+    assert said in numbers[PROBLEM]
     assert "contact force, normal" in numbers and any(isinstance(one, wing.Selfcheck) for one in numbers.values())
 
 
