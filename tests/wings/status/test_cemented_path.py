@@ -1,5 +1,7 @@
 """Load paths of cemented packings: closed forms, Newton's method in small steps, and slow dynamics."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -197,44 +199,66 @@ def test_bonds_of_a_box_break_at_the_loads_of_small_steps():
     agree_with_newton(path, state, law, end, 0.02, 1.0)
 
 
+def before_avalanche(path):
+    """Breaks until three bonds break at once; then inertia may break more bonds than a quasi-static path."""
+    load, count = np.unique([load for load, *_ in breaks(path)], return_counts=True)
+    return [one for one in breaks(path) if one[0] < min(load[count >= 3], default=np.inf)]
+
+
 def agree_with_newton(path, state, law, end, step, until):
     reached = path.points[-1].load * until
-    mine = [(load * until, i, j) for load, _, i, j in breaks(path) if load * until < reached - step or path.complete]
+    early = before_avalanche(path)
+    mine = [(load * until, i, j) for load, _, i, j in early if load * until < reached - step or path.complete]
     found, here = steps_of_newton(state, law, end, step, np.floor(reached / step) * step)
     assert mine
     for load in sorted({load for load, *_ in mine}):
         theirs = {(i, j) for at, i, j in found if load <= at <= load + 1.01 * step}
         assert {(i, j) for at, i, j in mine if at == load} <= theirs
-    if path.complete:
+    if path.complete and len(mine) == len(breaks(path)):
         assert len(found) == len(mine)
         assert shift(here, state) == pytest.approx(shift(path.states[-1], state), rel=0.03)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3, 4, 6])
-def test_bonds_of_boxes_break_at_the_loads_of_small_steps(seed):
-    state, law = cemented(seed)
-    end = with_load(state.control, 30 + TOP, 3.0)
-    path = load_path(state, law, between(state.control, end, 0.55), increment=0.05)
-    agree_with_newton(path, state, law, end, 0.002, 0.55)
+UNTIL = 0.6
+
+
+@cache
+def boxes():
+    """Three boxes of which two bonds or more break. Which boxes these are depends on the last bits of packings."""
+    found = []
+    for seed in range(1, 100):
+        state, law = cemented(seed)
+        end = with_load(state.control, 30 + TOP, 3.0)
+        path = load_path(state, law, between(state.control, end, UNTIL), increment=0.05)
+        if path.complete and len(before_avalanche(path)) >= 2:
+            found.append((state, law, end, path))
+        if len(found) == 3:
+            return found
+    raise AssertionError("bonds of three boxes should break")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 4])
-def test_slow_dynamics_break_the_same_bonds_at_the_same_loads(seed):
-    state, law = cemented(seed)
-    end, until, steps = with_load(state.control, 30 + TOP, 3.0), 0.6, 200
-    path = load_path(state, law, between(state.control, end, until), increment=0.05)
-    here, found, off = state, [], []
-    for load in np.arange(1, steps + 1) * until / steps:
+@pytest.mark.parametrize("number", range(3))
+def test_bonds_of_boxes_break_at_the_loads_of_small_steps(number):
+    state, law, end, path = boxes()[number]
+    agree_with_newton(path, state, law, end, 0.002, UNTIL)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(2))
+def test_slow_dynamics_break_the_same_bonds_at_the_same_loads(number):
+    state, law, end, path = boxes()[number]
+    here, found, off, steps = state, [], [], 200
+    for load in np.arange(1, steps + 1) * UNTIL / steps:
         after, _, outcome = ss.run(here._replace(control=between(state.control, end, load)), law, 1500, 0.2, drag=0.05)
         assert outcome.ok
         found += [(load, i, j) for i, j, _ in broken_since(after, here).tolist()]
-        off.append(shift(after, state) / np.interp(load, until * path.load, [shift(s, state) for s in path.states]) - 1)
+        off.append(shift(after, state) / np.interp(load, UNTIL * path.load, [shift(s, state) for s in path.states]) - 1)
         here = after
-    mine = breaks(path)
-    assert [ends for _, *ends in found] == [[i, j] for *_, i, j in mine]
-    assert [at for at, *_ in found] == pytest.approx([until * load for load, *_ in mine], abs=2 * until / steps)
+    mine = {(i, j): UNTIL * load for load, _, i, j in before_avalanche(path)}
+    found = found[: len(mine)]
+    assert sorted((i, j) for _, i, j in found) == sorted(mine)
+    assert [at for at, *_ in found] == pytest.approx([mine[i, j] for _, i, j in found], abs=2 * UNTIL / steps)
     assert np.median(np.abs(off)) < 3e-3
 
 
