@@ -32,7 +32,7 @@ from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.doctor import PROBLEM, measure
 from stickslip.experiments import EXPERIMENTS, Experiment
-from stickslip.experiments.registry import _written_by, papers, table_of
+from stickslip.experiments.registry import papers, table_of
 from stickslip.kit import Measures, Quantities, Quantity, result_of
 from stickslip.runs import bundled
 from stickslip.runs.folder import write_result
@@ -165,10 +165,8 @@ def test_its_folder_and_the_head_of_its_wing_are_all_that_it_needs(tmp_path, mon
 
 def test_a_file_that_it_does_not_name_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "EXPERIMENT", EXPERIMENT._replace(writes=()))
-    _written_by.cache_clear()
     with pytest.raises(RuntimeError, match=r"tosses\.csv are not run files: list them in `writes`"):
         write_result(tmp_path / "out", EXPERIMENT, ss.simulate(ss.scenario(experiment="coins")))
-    _written_by.cache_clear()
 
 
 def read_stacks(path) -> dict[str, dict]:

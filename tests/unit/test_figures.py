@@ -101,7 +101,7 @@ def test_the_centre_of_mass_moves_from_where_it_began():
     assert holds(small, line.push, line.velocity)
     assert holds(small, ends, 2 * ends - 1, label="fit")
     assert holds(small, ends, 3 * ends - 2, label="paper")
-    assert small.get_xlabel() == "push $F_x$" and "[diameters\n/ time unit]" in small.get_ylabel()
+    assert small.get_xlabel() == "push $F_x$ [units of force]" and "[diameters\n/ time unit]" in small.get_ylabel()
 
 
 def test_a_slider_is_drawn_against_displacement_or_time():

@@ -11,7 +11,6 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from difflib import get_close_matches
-from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -215,12 +214,6 @@ def with_feature(has: Callable[[Experiment], Any]) -> str:
 _EVERY_RUN = re.compile("|".join([FIGURES, *map(re.escape, NAMES)]))
 
 
-@cache
-def _written_by(experiment: str) -> re.Pattern[str]:
-    """Names of the files that runs of an experiment write, besides the files of every run."""
-    return re.compile("|".join(EXPERIMENTS[experiment].writes))
-
-
 def is_run_file(name: str) -> bool:
     """Return True if runs write files with this name."""
     if _EVERY_RUN.fullmatch(name):
@@ -231,7 +224,7 @@ def is_run_file(name: str) -> bool:
     loaded = {key: f"{wing.package}.{entry.package}" in sys.modules for key, (wing, entry) in entries.items()}
     for experiment in sorted(entries, key=lambda key: not loaded[key]):  # few names need those not yet imported
         try:
-            if _written_by(experiment).fullmatch(name):
+            if any(re.fullmatch(pattern, name) for pattern in EXPERIMENTS[experiment].writes):
                 return True
         except Exception:  # third-party code, needed only by its own runs
             continue

@@ -103,7 +103,11 @@ def folder_content(
     stages = tuple(_stage_of(time, tree.get("stages", {})) for time in times)
     labels = [name.rpartition("/")[2] for name, *_ in states]
     if len(set(times)) > 1:  # states of a load path have the same time and are labelled by their loads
-        labels = [_label(*about) for about in zip(labels, times, stages, strict=True)]
+        shown_times = [with_unit(f"{time:.4g}", "time") for time in times]
+        labels = [
+            f"{stage and f'{stage}, '}time {time}, frame {name}"
+            for name, time, stage in zip(labels, shown_times, stages, strict=True)
+        ]
     states = [(name, with_neighbor_list(state), law) for name, state, law, _ in states]
     frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]
     at, modes, why = _find_unstable(states, frame, report) if search else (0, [], "")
@@ -168,10 +172,6 @@ def _stage_of(time: float, stages: dict) -> str:
     """Name of the stage at a time; where two stages meet, the earlier one."""
     known = (stage for stage in stages.values() if isinstance(stage, dict) and "start" in stage)
     return next((stage["name"] for stage in known if stage["start"] <= time <= stage["end"]), "")
-
-
-def _label(name: str, time: float, stage: str) -> str:
-    return (f"{stage}, " if stage else "") + f"time {with_unit(f'{time:.4g}', 'time')}, frame {name}"
 
 
 def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:

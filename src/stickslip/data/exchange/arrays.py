@@ -26,7 +26,8 @@ from ...extras import require
 from .. import archive
 from ..archive import trimmed, with_fields
 from ..run_files import replace_atomically
-from ..sample import COLUMNS, Assumption, PackingError, account_for, law_by_name, naming, refusing, repeated_note, stored_note
+from ..sample import COLUMNS, Assumption, PackingError, account_for, law_by_name, naming, refusing, repeated_note
+from ..sample import stored_note as stored
 from .columns import Packing, chosen_frames, extent_note, only_state, packing_of_columns
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, list_losses, without_walls, wrapped_into
 
@@ -78,7 +79,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
         arrays |= {"tension": False} if law.damping & NO_TENSION else {}
         arrays |= dict(zip(PARAMETERS, law.table[0, 0], strict=True))
         assumed = [*frame.assumed, *(f"left out, as .npz does not store it: {text}" for text in left)]
-        arrays |= {"assumed": [stored_note(note) for note in assumed]} if assumed else {}
+        arrays |= {"assumed": [stored(note) for note in assumed]} if assumed else {}
     with replace_atomically(Path(path)) as part:
         np.savez(part, **arrays)
     return notes + ([f".npz does not store {', '.join(lost)}"] if lost else [])
@@ -171,7 +172,7 @@ def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
         raise PackingError(f"the folder {path.parent} does not exist: create it first")
     tree: dict = {"law": frames[0].law}
     if frames[0].assumed:
-        tree["assumed"] = "\n".join(stored_note(note) for note in frames[0].assumed)
+        tree["assumed"] = "\n".join(stored(note) for note in frames[0].assumed)
     if len(frames) == 1:
         tree["state"] = frames[0].state
     else:
@@ -314,7 +315,7 @@ def _state_chunks(frame: Frame) -> dict[str, np.ndarray]:
         "moving": False,
         "time": frame.state.time,
         "law": law_to_dict(frame.law),
-        "assumed": [stored_note(note) for note in frame.assumed],
+        "assumed": [stored(note) for note in frame.assumed],
         "shapes": shapes,
     }
     return {META: _json_chunk(meta), **chunks}

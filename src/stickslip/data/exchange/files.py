@@ -174,7 +174,7 @@ def written() -> tuple[str, ...]:
     return (*SINGLE, *ARCHIVE, *SERIES, *writers_of_wings())
 
 
-@readable(head=lambda reading: _describe(reading))
+@readable(head=lambda r: f"{format_value(r.state)}; {format_value(r.law)}; {pluralize(len(r.notes), 'note')}")
 class Reading(NamedTuple):
     """A packing read from a file, with its law and notes."""
 
@@ -191,10 +191,6 @@ class Reading(NamedTuple):
     def met(self) -> dict[str, list[str]]:
         """Names in a foreign file, grouped into those that are used, without influence on forces, or unknown."""
         return account_of(self.notes)
-
-
-def _describe(reading: Reading) -> str:
-    return f"{format_value(reading.state)}; {format_value(reading.law)}; {pluralize(len(reading.notes), 'note')}"
 
 
 def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str, State, Law, list[str]]]:

@@ -93,7 +93,11 @@ def write_sweep(folder: Path, chosen: Sweep, names: list[str], outputs: list[dic
         return dims, np.reshape(values, chosen.shape), attributes
 
     units = {name: unit for output in outputs if output for name, (_, unit) in output["measures"].items()}
-    variables = {name: shaped([_value(output, name) for output in outputs], units=unit) for name, unit in units.items()}
+    measured = [output["measures"] if output else {} for output in outputs]
+    variables = {
+        name: shaped([one[name][0] if name in one else np.nan for one in measured], units=unit)
+        for name, unit in units.items()
+    }
     spent = [output["seconds"] if output else np.nan for output in outputs]
     variables["seconds"] = shaped(spent, units="s", long_name="run time of the member")
     variables["finished"] = shaped(np.array([output is not None for output in outputs], np.int8))
@@ -116,10 +120,6 @@ def _labels(axis: Axis) -> np.ndarray:
     if all(isinstance(v, int | float) and not isinstance(v, bool) for v in axis.values):
         return np.array(axis.values, float)
     return np.array([str(v) for v in axis.values])
-
-
-def _value(output: dict | None, name: str) -> float:
-    return output["measures"][name][0] if output and name in output["measures"] else np.nan
 
 
 def comparison_files() -> tuple[str, ...]:

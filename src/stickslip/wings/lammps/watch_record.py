@@ -139,7 +139,7 @@ def write_page(path: Path, place: Path, table: Path, done: Progress, how: dict) 
     sections = [("Newest frame", _newest(usable[-1], done) if usable else page.paragraph("No frame yet.", kind="soft"))]
     if usable:
         step = np.array([row.step for row in usable], float)
-        known = {name: _series(usable, name) for name in CHARTED}
+        known = {name: np.array([getattr(row, name) for row in usable], float) for name in CHARTED}  # None: NaN
         sliding = known["sliding"] / np.maximum(known["contacts"], 1)
         growth = np.where(np.isfinite(known["pairs"]), np.nan_to_num(known["growth_rate"]), np.nan)
         spectrum = watched_spectrum(step, known["softest"], growth, [verdict_word(row) for row in usable])
@@ -175,11 +175,6 @@ def _newest(row: Row, done: Progress) -> str:
             kind="warning",
         )
     return html
-
-
-def _series(rows: list[Row], name: str) -> np.ndarray:
-    values = [getattr(row, name) for row in rows]
-    return np.array([np.nan if value is None else value for value in values], float)
 
 
 def cells(row: Row) -> list[str]:

@@ -227,11 +227,11 @@ def simulate_element_test(
     check_pressures(scenario.sample, law, kept, path=scenario.path.pressures or (), cement=scenario.cement)
     seeds = [scenario.seed + k for k in range(scenario.realizations)]
     jobs = [(seed, False) for seed in seeds] + ([(scenario.seed, True)] if scenario.check else [])
-    tasks = [
-        Task(f"sample {seed}{' at half the step' if half else ''}", (scenario, seed, half, _place(kept, seed, half)),
-             _name(seed, half), kept)
-        for seed, half in jobs
-    ]  # fmt: skip
+    tasks = []
+    for seed, half in jobs:
+        name = _name(seed, half)
+        words = f"sample {seed}{' at half the step' if half else ''}"
+        tasks.append(Task(words, (scenario, seed, half, kept and kept.of(name)), name, kept))
     made = run_realizations(load_sample, tasks, stage="samples", workers=workers, report=report)
     runs = tuple(made.groups(len(seeds))[0].successful("sample"))
     return ElementTestResult(scenario, law, runs, made.results[-1] if scenario.check else None, made.failures)
@@ -239,10 +239,6 @@ def simulate_element_test(
 
 def _name(seed: int, half: bool) -> str:
     return f"sample-{seed}{'-half' if half else ''}"
-
-
-def _place(kept: Checkpoint | None, seed: int, half: bool) -> Checkpoint | None:
-    return kept and kept.of(_name(seed, half))
 
 
 def load_sample(

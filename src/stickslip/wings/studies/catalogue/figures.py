@@ -85,7 +85,9 @@ def eigenvalue_before_events(events: _Table):
         bottom.axvline(3 * right, color=BLACK, lw=0.6, ls=":")
         bottom.set_xlim(2 * np.nanmax(distance), right / 3)
         bottom.xaxis.set_major_locator(LogLocator(subs=(1.0,)))
-        bottom.xaxis.set_major_formatter(FuncFormatter(lambda x, _: _power(x) if x > 3 * right else ""))
+        bottom.xaxis.set_major_formatter(
+            FuncFormatter(lambda x, _: f"$10^{{{round(np.log10(x))}}}$" if x > 3 * right else "")
+        )
         bottom.xaxis.set_minor_locator(NullLocator())
         bottom.legend(loc="lower left")
     bottom.set_title(f"a contact starts to slide: {_events(len(distance))}")
@@ -99,10 +101,6 @@ def _ratios(events, kind: str):
     far = softest[:, :1] if softest.shape[1] else np.full((len(softest), 1), np.nan)
     good = (np.isfinite(far) & (far > 0))[:, 0]
     return distance[good], softest[good] / far[good], events["switched"][rows][good] / far[good, 0]
-
-
-def _power(x: float) -> str:
-    return f"$10^{{{round(np.log10(x))}}}$"
 
 
 def _events(number: int) -> str:

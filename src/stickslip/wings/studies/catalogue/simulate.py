@@ -174,7 +174,11 @@ def event_table(samples) -> Table:
     """
     rows = [(sample.seed, event) for sample in samples for event in sample.found.events]
     events = [event for _, event in rows]
-    places = [_places(event.distances, sample.found.step) for sample in samples for event in sample.found.events]
+    places = [
+        np.round(np.log(sample.found.step / event.distances) / np.log(EVENT_RATIO)).astype(int)  # k of step · 8^(−k)
+        for sample in samples
+        for event in sample.found.events
+    ]
     out: Table = {"sample": np.array([seed for seed, _ in rows], int)}
     for name in Event._fields:
         if name == "broken":
@@ -205,11 +209,6 @@ def step_table(samples) -> Table:
     for name in StrainStep._fields:
         out[name] = np.concatenate([getattr(sample.found.steps, name) for sample in samples])
     return Fields(out, StrainStep)
-
-
-def _places(distances: np.ndarray, step: float) -> np.ndarray:
-    """Return the exponent k of each distance step · 8^(−k)."""
-    return np.round(np.log(step / distances) / np.log(EVENT_RATIO)).astype(int)
 
 
 def write_table(path: Path, table: Table, digits: int = 8) -> None:
