@@ -83,7 +83,8 @@ def installed(request, built, tmp_path_factory):
 
 
 def test_classifiers_and_versions_agree():
-    named = [line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if line.startswith("Programming Language :: Python")]
+    languages = [line for line in PROJECT["classifiers"] if line.startswith("Programming Language :: Python")]
+    named = [line.rsplit(" ", 1)[1] for line in languages]
     assert named == ["3", *PYTHONS]
     assert PROJECT["requires-python"] == f">={PYTHONS[0]}"
 
