@@ -69,7 +69,7 @@ def rows(grains: str = "1000", samples: str = "1", *, smallest: bool = False):
     yield f"{grains} spheres without friction, {samples} samples, γ from {STEADY:g} to {STRAIN:g}"
     points = []
     for rate in RATES:
-        mean, scatter = tangent(grains, samples, rate, 0.006 if smallest else STRAIN)
+        mean, scatter = tangent(grains, samples, rate, 0.03 if smallest else STRAIN)
         points.append((mean, scatter))
         yield number(f"tan φ, I = {rate:g}", mean, "", scatter)
         yield number(f"φ, I = {rate:g}", float(np.degrees(np.arctan(mean))), "°")
