@@ -270,8 +270,12 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
             _store(file, name, node)
         file.flush()
         image = file.id.get_file_image()
-    checksum = hashlib.sha256(image).hexdigest().encode()
-    write_atomically(path, _HEADER + checksum.ljust(_BLOCK - len(_HEADER), b"\n"), image)
+    write_atomically(path, _checksum_block(image), image)
+
+
+def _checksum_block(image: bytes) -> bytes:
+    """Block of text with the checksum of the file image that follows it."""
+    return _HEADER + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_HEADER), b"\n")
 
 
 @cache
