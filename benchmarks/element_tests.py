@@ -66,7 +66,7 @@ def rows(*, smallest: bool = False):
     os.environ["OMP_NUM_THREADS"] = "1"
     for integrator in ("quasi-static",) if smallest else ("dynamic", "quasi-static"):
         result, seconds = triaxial(integrator, smallest)
-        run, case = result.runs[0], f"{integrator} triaxial test to {STRAIN:.0%}"
+        run, case = result.runs[0], f"{integrator} triaxial test to {100 * STRAIN:g} %"
         n = len(run.end.grains.radius)
         found = [
             row(case, n, seconds, BUDGETS[integrator], "budget"),
