@@ -189,8 +189,8 @@ class SelfcheckResult(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """Return True if every number is right."""
-        return all(check.ok for check in self.checks)
+        """Return True if every number was measured and is right."""
+        return not self.problem and all(check.ok for check in self.checks)
 
 
 def measure_forces(law: Law) -> dict[str, float]:
@@ -367,12 +367,13 @@ def show_checks(result: SelfcheckResult) -> None:
         console.print(message, style="red")
     if result.problem:
         console.print(result.problem, style="red")
-    console.print(_verdict(result), style="red" if wrong else "green")
+    console.print(_verdict(result), style="green" if result.ok else "red")
 
 
 def _verdict(result: SelfcheckResult) -> str:
     wrong = sum(not check.ok for check in result.checks)
     verdict = f"{wrong} of {len(result.checks)} numbers are wrong" if wrong else "all is well"
+    verdict = "a self-check failed" if result.problem and not wrong else verdict
     return f"{verdict}, in {result.seconds:.1f} s"
 
 

@@ -8,6 +8,7 @@ import gzip
 import importlib
 import json
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -30,7 +31,7 @@ from stickslip.cli.running import _papers
 from stickslip.core.laws.builtin import MU
 from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
-from stickslip.doctor import PROBLEM, measure
+from stickslip.doctor import PROBLEM, SelfcheckResult, measure
 from stickslip.experiments import EXPERIMENTS, Experiment
 from stickslip.experiments.registry import papers, table_of
 from stickslip.kit import Measures, Quantities, Quantity, result_of
@@ -356,6 +357,27 @@ def test_self_checks_that_fail_are_reported_and_the_others_are_done(checks, said
     numbers = measure()
     assert said in numbers[PROBLEM]
     assert "contact force, normal" in numbers and any(isinstance(one, wing.Selfcheck) for one in numbers.values())
+    assert not SelfcheckResult([], numbers[PROBLEM], 0.0).ok
+
+
+FRAME = "{'position': [[0, 0, 0], [0.99, 0, 0]], 'radius': [0.5, 0.5], 'mass': [1, 1]"
+
+
+@pytest.mark.parametrize(
+    "start, frames, said",
+    [
+        ("b'# odd'", f"{{'a': {FRAME}, 'law': 'hertz'}}}}", "its law must be a Law or a dict of options, got 'hertz'"),
+        ("b'# odd'", "{}", "it has no frames"),
+        ("b'# odd'", "{'a': 5}", "'int' object is not iterable"),
+        ("b'(?s).*'", "{'a': 5}", ""),  # every file
+    ],
+)
+def test_formats_of_wings_replace_none_and_wrong_frames_are_refused(start, frames, said, odd, few_spheres, tmp_path):
+    odd(f"formats=(FileFormat('odd', {start}, 'io.read'),)", io=f"def read(path):\n    return {frames}")
+    assert len(ss.io.read_packing(few_spheres).state.grains.radius) > 2
+    (tmp_path / "a.odd").write_text("# odd\n")
+    with pytest.raises(ss.packings.PackingError, match=f"a.odd cannot be read as odd .*{re.escape(said)}"):
+        ss.io.read_packing(tmp_path / "a.odd")
 
 
 def test_the_wing_among_the_examples_runs(install, tmp_path, monkeypatch, capfd):

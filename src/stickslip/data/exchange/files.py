@@ -110,11 +110,11 @@ def is_measured(path: Path, contacts: Path | None) -> bool:
 def find_format(path: Path) -> Format:
     """Format of a file; raise PackingError, with the first lines of the file, if it is unknown."""
     head = read_content(path, HEAD)
-    of_wings = [  # tried before the formats of the package
+    of_wings = [  # tried before tables, which have no fixed beginning, but after the other formats of the package
         Format(one.name, partial(re.match, one.start), partial(_read_by_wing, wing, one), packs=False)
         for wing in wings().values() for one in wing.formats if one.start and one.read
     ]  # fmt: skip
-    form = next((form for form in (*of_wings, *FORMATS) if form.recognize(head)), None)
+    form = next((form for form in (*FORMATS[:-1], *of_wings, FORMATS[-1]) if form.recognize(head)), None)
     if form is None:
         from .table_file import refuse
 
@@ -128,8 +128,13 @@ def find_format(path: Path) -> Format:
 
 def _read_by_wing(wing: Wing, form: FileFormat, path: Path, frame: str | None = None) -> list[Packing]:
     try:
-        frames = dict(wing.function(form.read)(path))
-    except Exception as problem:  # code of third parties may raise any exception
+        frames = {str(name): dict(arrays) for name, arrays in dict(wing.function(form.read)(path)).items()}
+        if not frames:
+            raise ValueError("it has no frames")
+        for law in (arrays.get("law") for arrays in frames.values()):
+            if not isinstance(law, Law | dict | None):
+                raise TypeError(f"its law must be a Law or a dict of options, got {law!r}")
+    except (Exception, SystemExit) as problem:  # code of third parties may raise any exception
         said = str(problem) or type(problem).__name__
         raise PackingError(
             f"{path} cannot be read as {form.name} ({said}): the file is damaged, or its wing is faulty"
@@ -151,7 +156,11 @@ def writers_of_wings() -> dict[str, Callable]:
 
 def _write_by_wing(wing: Wing, form: FileFormat, path: Path, frames: list[Frame]) -> list[str]:
     with replace_atomically(path) as part:
-        return list(wing.function(form.write)(part, frames))
+        try:
+            return [str(note) for note in wing.function(form.write)(part, frames)]
+        except (Exception, SystemExit) as problem:  # code of third parties may raise any exception
+            said = str(problem) or type(problem).__name__
+            raise PackingError(f"{path} cannot be written as {form.name} ({said}): its wing is faulty") from problem
 
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
