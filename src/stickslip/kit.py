@@ -24,7 +24,7 @@ Scenarios
 
 Arguments of functions
 
-    checked, check_types, knows_bonds, Requirement      validation of arguments by their annotations
+    checked, check_types, check_value, knows_bonds, Requirement     validation of arguments by their annotations
     Array, Bodies, Numbers, Result, Series, Values      annotations
     FILLED, NOT_NEGATIVE, POSITIVE, one_of      requirements in addition to a type: Annotated[int, POSITIVE]
     require_filled, require_index, require_not_negative, require_options, require_positive, require_shape   checks

@@ -27,6 +27,7 @@ from .core.arguments import Result as Result
 from .core.arguments import Series as Series
 from .core.arguments import Values as Values
 from .core.arguments import check_types as check_types
+from .core.arguments import check_value as check_value
 from .core.arguments import checked as checked
 from .core.arguments import knows_bonds as knows_bonds
 from .core.arguments import one_of as one_of

@@ -141,7 +141,9 @@ def test_frames_are_chosen(tmp_path):
     states = [spheres(k) for k in range(3)]
     ss.io.write_packing(tmp_path / "p.gsd", [ss.io.frame_of(state, SHARP) for state in states])
     assert_same(states[1], ss.io.read_packing(tmp_path / "p.gsd", frame="1")[0])
-    assert_same(states[2], ss.io.read_packing(tmp_path / "p.gsd")[0])
+    last, _, notes = ss.io.read_packing(tmp_path / "p.gsd")
+    assert_same(states[2], last)
+    assert "p.gsd has 3 frames: the last, 2, is used; choose another with --frame" in notes
     for state, (_, back, _, _) in zip(states, ss.io.read_packings(tmp_path / "p.gsd"), strict=True):
         assert_same(state, back)
     with pytest.raises(ss.packings.PackingError, match=r"no frame '7': it has 0, 1, 2"):

@@ -144,3 +144,11 @@ def test_a_frame_may_be_given_as_a_number(here, tmp_path):
     ss.io.write_packing(tmp_path / "two.gsd", [ss.io.frame_of(state, law)] * 2)
     for read in (ss.io.read_packing, ss.io.read_packings):
         assert repr(read(tmp_path / "two.gsd", frame=1)) == repr(read(tmp_path / "two.gsd", frame="1"))
+
+
+@pytest.mark.parametrize("assumed", [[5], [["a"], ["b"]], [b"a"]])
+def test_notes_in_an_npz_file_are_text(tmp_path, assumed):
+    path = tmp_path / "p.npz"
+    np.savez(path, position=np.zeros((1, 3)), radius=np.ones(1), assumed=np.array(assumed), law="linear")
+    with pytest.raises(ss.packings.PackingError, match=r"^assumed has the shape .* in .*: it must be text"):
+        ss.io.read_packing(path)

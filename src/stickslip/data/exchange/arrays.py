@@ -28,7 +28,7 @@ from ..archive import trimmed, with_fields
 from ..run_files import replace_atomically
 from ..sample import COLUMNS, Assumption, PackingError, account_for, law_by_name, naming, refusing, repeated_note
 from ..sample import stored_note as stored
-from .columns import Packing, chosen_frames, extent_note, only_state, packing_of_columns
+from .columns import Packing, choice_note, chosen_frames, extent_note, only_state, packing_of_columns
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, list_losses, without_walls, wrapped_into
 
 REQUIRED = ("position", "radius")
@@ -106,7 +106,11 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
         return [packing_of_columns(arrays, path.name, path.stem, notes)]
     arrays, given = check_arrays(path, arrays)
     del arrays["units"]
-    notes = [repeated_note(text) for text in np.atleast_1d(arrays.pop("assumed", [])).tolist()]
+    assumed = np.atleast_1d(arrays.pop("assumed", np.zeros(0, "U1")))
+    if assumed.ndim > 1 or (assumed.size and assumed.dtype.kind != "U"):
+        got = f"the shape {assumed.shape} and the type {assumed.dtype}"
+        raise PackingError(f"assumed has {got} in {path}: it must be text, or a one-dimensional array of text")
+    notes = [repeated_note(text) for text in assumed.tolist()]
     bonds = {name: arrays.pop(name) for name in BONDS if name in arrays}
     return [Packing(path.stem, arrays, notes, law=given or None, setting=_bonding(path, bonds) if bonds else None)]
 
@@ -344,13 +348,15 @@ def read_gsd(path: Path, frame: str | None = None) -> list[Packing]:
         with hoomd.open(str(path), "r") as file:
             if not len(file):
                 raise PackingError(f"{path} has no frames: give a GSD file with at least one frame")
-            chosen = chosen_frames(path, [str(k) for k in range(len(file))], frame)
+            names = [str(k) for k in range(len(file))]
+            chosen, several = chosen_frames(path, names, frame), choice_note(path, names, frame, "frames")
             budget = Budget(path, path.stat().st_size, remedy="write it again", error=PackingError)
             for k in chosen:
                 budget.take(sizes.get(k, 0), f"frame {k}")
                 for part, size in TAKES.items():
                     budget.take(size * _number(file.file, k, part), part)
-            return [_read_frame(path, file, k) for k in chosen]
+            packings = [_read_frame(path, file, k) for k in chosen]
+            return [packing._replace(notes=[*several, *packing.notes]) for packing in packings]
     except PackingError:
         raise
     except (OSError, RuntimeError, KeyError, IndexError, TypeError, ValueError, MemoryError, OverflowError) as problem:

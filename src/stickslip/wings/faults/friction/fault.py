@@ -61,7 +61,7 @@ class Fault(NamedTuple):
     poisson: Poisson = 0.25  # Poisson's ratio, for in-plane shear
     plate_rate: NotNegative = 1e-9  # slip velocity of the plane outside the cells, or of the plates [m/s]
     boundary: Boundary = "surface"
-    thickness: float = np.inf  # thickness of each plate, for a periodic fault [m]
+    thickness: Unbounded = np.inf  # thickness of each plate, for a periodic fault [m]
     v1: Unbounded = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
     v2: Unbounded = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
     b2: np.ndarray | float = 0.0  # (N,) or a number, evolution effect of a second state
@@ -157,10 +157,9 @@ class Fault(NamedTuple):
     @property
     def transfer(self) -> StressTransfer:
         """Map from slip to shear and normal stress."""
-        size = len(self.depth), self.cell, self.modulus
-        return stress_transfer(
-            *size, self.boundary, self.thickness, dip=self.dip if self.dips else None, sense=self.sense
-        )
+        cell, modulus, thickness = float(self.cell), float(self.modulus), float(self.thickness)
+        dip = float(self.dip) if self.dips else None
+        return stress_transfer(len(self.depth), cell, modulus, self.boundary, thickness, dip=dip, sense=self.sense)
 
 
 @checked
@@ -201,6 +200,8 @@ def line_fault(width: Positive, cell: Positive, *, a, b, dc, normal, b2=0.0, dc2
         raise ValueError(
             f"{min(unknown)!r} is not a field of a fault; the other fields are {', '.join(Fault._fields[6:])}"
         )
+    if isinstance(more.get("changes"), list):
+        more["changes"] = tuple(more["changes"])
     depth = (np.arange(number) + 0.5) * cell
     given = {"a": a, "b": b, "dc": dc, "normal": normal, "b2": b2, "dc2": 1.0 if dc2 is None else dc2}
     profiles = {name: profile(name, value, depth) for name, value in given.items()}
@@ -214,10 +215,12 @@ def line_fault(width: Positive, cell: Positive, *, a, b, dc, normal, b2=0.0, dc2
 def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
     """Values of a property at depths, from a number or from pairs (depth, value)."""
     try:
-        points = np.asarray(value, float)
+        points = np.asarray(value, float) if np.asarray(value).dtype.kind in "buifO" else None
+    except OverflowError:
+        raise ValueError(f"{name} contains a whole number beyond the range of floats: give a float") from None
     except (TypeError, ValueError):
         points = None
-    if points is None or value is None or isinstance(value, str):
+    if points is None or value is None:
         raise ValueError(f"{name} must be a number, or pairs of depth and value, got {quoted(value)}")
     if points.ndim == 0:
         points = np.array([[0.0, float(points)]])
@@ -303,7 +306,7 @@ def cohesive_length(modulus: Positive, b: Positive, dc: Positive, normal: Positi
 
 
 @checked
-def critical_wavelength(modulus: Positive, a: Positive, b: float, dc: Positive, normal: Positive) -> float:
+def critical_wavelength(modulus: Positive, a: Positive, b: Bounded, dc: Positive, normal: Positive) -> float:
     """Wavelength 2π/k above which steady slip of an infinite fault is unstable; infinite if a ≥ b.
 
     At this wavelength, the stiffness G k/2 of sinusoidal slip equals the critical stiffness (b − a) σ/D_c (see
@@ -320,7 +323,7 @@ def critical_wavelength(modulus: Positive, a: Positive, b: float, dc: Positive, 
 
 
 @checked
-def nucleation_half_length(modulus: Positive, a: Positive, b: float, dc: Positive, normal: Positive) -> float:
+def nucleation_half_length(modulus: Positive, a: Positive, b: Bounded, dc: Positive, normal: Positive) -> float:
     """Half-length of the nucleation zone with the aging law; infinite if a ≥ b.
 
     For a/b < 0.3781, it is 1.3774 L_b, and zones keep this length while they accelerate. Otherwise they grow towards

@@ -4,16 +4,17 @@ The time step is controlled by the embedded Runge–Kutta formula DOP853 of orde
 `python -m benchmarks fault` compares this method with the solvers of SciPy at equal error.
 """
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ....kit import Report, check_types, checked, readable, require_shape, silent, units_of
+from ....kit import Report, Size, check_types, checked, readable, require_shape, require_sizes, silent, units_of
 from .fault import Fault, check_normal
-from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
+from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording, profiles_size
 from .fault_state import EXPONENT, NUMBER, STAGES, FaultState, Machine, check_state, initial_state
-from .ranges import Positive, allowed
+from .ranges import Positive, Tolerance, allowed
 
 if TYPE_CHECKING:
     import xarray
@@ -85,7 +86,7 @@ def simulate_fault(
     *,
     start: FaultState | None = None,
     recording: Recording | None = None,
-    tolerance: Positive = TOLERANCE,
+    tolerance: Tolerance = TOLERANCE,
     report: Report = silent,
 ) -> FaultHistory:
     """Simulate earthquakes and aseismic slip.
@@ -119,6 +120,7 @@ def simulate_fault(
     check_recording(fault, recording)
     state = initial_state(fault) if start is None else start
     check_state(fault, state)
+    require_sizes(_sizes(fault, recording, years * YEAR - state.time))
     recorder = Recorder(fault, recording, state)
     if start is None or not np.isfinite(state.sampled[0]):
         recorder.begin(_moment(fault, state))
@@ -145,6 +147,16 @@ def check_recording(fault: Fault, recording: Recording) -> None:
             f"threshold must exceed the plate velocity of {fault.plate_rate:g} m/s, got {recording.threshold:g} m/s: "
             "use a larger one, such as 1e-3"
         )
+
+
+def _sizes(fault: Fault, recording: Recording, span: float) -> Iterator[Size]:
+    """Sizes of a recording over a span of time, apart from the profiles within events."""
+    points, quiet = fault.width / recording.spacing + 1, recording.quiet_profiles
+    yield Size(f"recording.spacing = {recording.spacing:g} m makes", points, "points", "use a larger spacing")
+    yield profiles_size(fault, "quiet_profiles", quiet, span / quiet, points)
+    if fault.changes:  # which bound the time step
+        pause = recording.quiet_sampling
+        yield Size(f"recording.quiet_sampling = {pause:g} s makes", span / pause, "samples", "use a longer interval")
 
 
 def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder, tolerance: float, report):

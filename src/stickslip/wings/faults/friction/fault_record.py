@@ -10,10 +10,10 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from ....kit import YEAR, Values, checked, pluralize, readable
+from ....kit import YEAR, Size, Values, checked, pluralize, readable, require_sizes
 from .fault import Fault
 from .fault_state import FaultState, friction_of
-from .ranges import ALL_POSITIVE, Positive
+from .ranges import ALL_POSITIVE, Places, Positive
 from .stress_transfer import surface_displacement
 
 
@@ -135,14 +135,23 @@ ZONE = 0.1  # slip velocity at the edge of a nucleation zone, relative to the la
 class Recording(NamedTuple):
     """Stations, intervals and thresholds of a recording."""
 
-    stations: tuple[float, ...] = ()  # depths at which time series are recorded [m]
-    surface: tuple[float, ...] = ()  # surface stations: distances from the trace, > 0 on the hanging wall [m]
+    stations: Places = ()  # depths at which time series are recorded [m]
+    surface: Places = ()  # surface stations: distances from the trace, > 0 on the hanging wall [m]
     threshold: Positive = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
     quiet_sampling: Positive = 0.1 * YEAR  # time between samples, and longest step if the normal stress changes [s]
     seismic_sampling: Positive = 0.1  # time between samples within events [s]
     quiet_profiles: Positive = 5 * YEAR  # time between slip profiles, outside and within events [s]
     seismic_profiles: Positive = 1.0
     spacing: Positive = 500.0  # spacing of the points of a profile [m]
+
+
+def profiles_size(fault: Fault, name: str, pause: float, number: float, points: float) -> Size:
+    """Memory of a number of profiles, which an interval in a recording makes."""
+    tables = 3 if fault.dips else 1  # of slip and, for a dipping fault, stresses
+    return Size(f"recording.{name} = {pause:g} s makes profiles of", 8.0 * tables * number * points, "bytes", LONGER)
+
+
+LONGER = "use a longer interval, or a larger recording.spacing"
 
 
 class Points(NamedTuple):
@@ -315,7 +324,13 @@ class Recorder:
     def _profiles(self, before: Moment, now: Moment, first: float, until: float, *, seismic: bool) -> None:
         """Append profiles at `first` and then at regular intervals up to `until`, interpolated within the step."""
         pause = self.wanted.seismic_profiles if seismic else self.wanted.quiet_profiles
-        for k in range(int(np.floor((until - first) / pause)) + 1 if until >= first else 0):
+        number = int(np.floor((until - first) / pause)) + 1 if until >= first else 0
+        if number:
+            name = "seismic_profiles" if seismic else "quiet_profiles"
+            require_sizes(
+                [profiles_size(self.fault, name, pause, len(self.profiles) + number, self.profile.depth.size)]
+            )
+        for k in range(number):
             time = first + k * pause
             share = (time - before.time) / (now.time - before.time)
             fastest = before.fastest ** (1 - share) * now.fastest**share

@@ -47,6 +47,7 @@ from .problem import (
     solve,
     without_intervals,
 )
+from .ranges import Number
 
 MIN_INDEPENDENT = 3.0  # independent samples per parameter; with fewer, residuals do not count as noise
 MISFIT = (
@@ -118,7 +119,7 @@ def fit(
     *,
     law: str = "aging",
     form: str = "logarithmic",
-    fixed: dict[str, float] | None = None,
+    fixed: dict[str, Number] | None = None,
     free: Iterable[str] = (),
     own: Iterable[str] = OWN,
     windows=None,
@@ -192,7 +193,7 @@ class Solution(NamedTuple):
 
 @checked
 def solve_fit(
-    data: Data | list[Data], *, law: str = "aging", form: str = "logarithmic", fixed: dict[str, float] | None = None,
+    data: Data | list[Data], *, law: str = "aging", form: str = "logarithmic", fixed: dict[str, Number] | None = None,
     free: Iterable[str] = (), own: Iterable[str] = OWN, windows=None, noise: str = "correlated",
     report: Report = silent,
 ) -> Solution:  # fmt: skip
@@ -206,7 +207,8 @@ def solve_fit(
     cases = [prepare(record, windows) for record in records]
     spikes = tuple(map(find_spikes, cases))
     cases = [case._replace(used=without(case.used, left)) for case, left in zip(cases, spikes, strict=True)]
-    fixed, names = _check_parameters(cases, (law, form), dict(fixed or {}), tuple(free), noise)
+    fixed = {name: np.asarray(value).item() for name, value in (fixed or {}).items()}
+    fixed, names = _check_parameters(cases, (law, form), fixed, tuple(free), noise)
     task = _build_task(cases, (law, form), names, fixed, own)
     x, evaluations = find_best(task._replace(report=within(report, end=SHARE_OF_SEARCH)))
     task = task._replace(report=within(report, SHARE_OF_SEARCH, 1.0))

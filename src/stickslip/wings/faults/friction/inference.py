@@ -14,12 +14,25 @@ Possible causes of a poor fit, such as a missing trend or a stiffness in another
 again.
 """
 
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import Report, Seed, Size, checked, readable, require, require_options, require_sizes, silent, within
+from ....kit import (
+    Report,
+    Seed,
+    Size,
+    check_value,
+    checked,
+    readable,
+    require,
+    require_options,
+    require_sizes,
+    silent,
+    within,
+)
 from .fitting import EXACT, Fit, Solution, build_fit, noise_size, solve_fit
 from .model import LOGARITHMIC, WHITE, Data, autoregression, effective_samples, whitened
 from .problem import MAX_SHIFT, covariance, filtered_residual, jacobian, pieces, residual, solve, with_states_in_order
@@ -96,6 +109,9 @@ def posterior(
     sizes = (walkers, "walkers"), (steps, "time steps"), (walkers * steps, "samples")
     require_sizes(Size("the chains have", number, kind, "use fewer") for number, kind in sizes)
     require_options(solve_fit, options)
+    options = {name: list(value) if isinstance(value, Iterator) else value for name, value in options.items()}
+    for name, value in options.items():
+        check_value(name, value, inspect.signature(solve_fit).parameters[name].annotation, given=True)
     emcee = require("emcee", "posterior")
     solution = solve_fit(data, **options, report=within(report, end=FITTED))
     fit = build_fit(solution)

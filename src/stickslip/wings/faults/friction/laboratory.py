@@ -26,7 +26,7 @@ from ....kit import (
     write_table,
 )
 from .fitting import Data
-from .loads import LoadStep, check_times, contradiction, find_steps, leg_arrays, load_steps, stated_steps, with_normal
+from .loads import LoadStep, check_times, contradiction, find_steps, leg_arrays, load_steps, stated_legs, with_normal
 from .ranges import Positive, PositiveSeries
 
 EXAMPLE, NUMBERED = "time [s], load_point [um], friction [-]", "--columns 'time [s]=0,load_point [um]=1,friction=2'"
@@ -182,13 +182,14 @@ def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = (
     names = [name for name in LabRecord._fields if getattr(record, name) is not None]
     labels, path = [heading_of(name, units.get(name, "m")) for name in names], Path(path)
     rows = zip(*(getattr(record, name) for name in names), strict=True)
-    write_table(path, labels, rows, digits=12, comments=comments)
+    lines = [line for text in comments for line in text.splitlines() or [""]]
+    write_table(path, labels, rows, digits=12, comments=lines)
     return path
 
 
 @checked
 def record_data(
-    record: LabRecord, *, before: float | None = None, normal: bool = False, velocity: str | None = None
+    record: LabRecord, *, before: Positive | None = None, normal: bool = False, velocity: str | None = None
 ) -> Data:
     """Data for `fit`, with legs from the load-point displacement or, if it was not recorded, the slip velocity.
 
@@ -211,7 +212,7 @@ def record_data(
             raise ValueError("the record has no normal_stress: leave --normal out")
         factor = record.normal_stress / record.normal_stress[0]
     if velocity is not None:
-        legs = stated_steps(velocity, record.time)
+        legs = stated_legs("velocity", velocity, record.time)
         if record.load_point is not None and (told := contradiction(legs, record.time, record.load_point)):
             warnings.warn(f"{told}: the fit uses --velocity; leave it out to use the displacement", stacklevel=2)
     else:

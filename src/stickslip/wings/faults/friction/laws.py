@@ -18,7 +18,7 @@ import numpy as np
 
 from ....kit import Selfcheck, Series, check_types, checked, core, readable
 from .loads import LoadStep, check_times, leg_arrays, slide_hold_slide
-from .ranges import Bounded, NotNegative, NotNegativeSeries, Positive, Unbounded
+from .ranges import Bounded, NotNegative, NotNegativeSeries, Positive, Tolerance, Unbounded
 
 EvolutionLaw = Literal["aging", "slip"]
 Form = Literal["logarithmic", "regularized"]
@@ -227,7 +227,7 @@ def spring_slider(
     times: Series | None = None,
     before: float | None = None,
     theta: Positive | None = None,
-    tolerance: Positive = 1e-10,
+    tolerance: Tolerance = 1e-10,
 ) -> SlipHistory:
     """History of a slider pulled by a spring.
 
@@ -389,7 +389,7 @@ class Sliding(NamedTuple):
 
 
 @checked
-def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.0) -> float:
+def critical_stiffness(rs: RateState, velocity: NotNegative = 0.0, damping: NotNegative = 0.0) -> float:
     """Critical stiffness k_c per unit normal stress: steady sliding is unstable if and only if k < k_c.
 
     With one state, k_c = (B − A − η V)/D_c for both evolution laws (Ruina 1983, doi:10.1029/JB088iB12p10359; Rice and

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....kit import Series, checked, laboratory_table, readable, require_shape
-from .ranges import Bounded, Positive, PositiveSeries
+from .ranges import Bounded, NotNegative, Positive, PositiveSeries
 
 
 @readable
@@ -65,7 +65,7 @@ def slide_hold_slide(
 
 @checked
 def load_steps(
-    time: Series, load_point: Series, normal: Series | None = None, *, roughness: float = 1e-3
+    time: Series, load_point: Series, normal: PositiveSeries | None = None, *, roughness: NotNegative = 1e-3
 ) -> tuple[LoadStep, ...]:
     """Legs of a measured load-point displacement, interpolated linearly between samples.
 
@@ -170,6 +170,11 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
     >>> [leg.duration for leg in legs]
     [120.0, 80.0]
     """
+    return stated_legs("text", text, time)
+
+
+def stated_legs(name: str, text: str, time) -> tuple[LoadStep, ...]:
+    """Legs from the text of an argument; see `stated_steps`."""
     check_times(np.asarray(time, float))
     parts, legs, start, end = text.split(","), [], float(time[0]), float(time[-1])
     for k, part in enumerate(parts):
@@ -180,18 +185,17 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
             stop = end if last and until is None else float(until) * laboratory_table.TIME[unit or "s"]
         except (TypeError, ValueError, KeyError):
             raise ValueError(
-                "--velocity: expected velocities and times as in '1e-6 until 120 s, then 10 um/s', got "
-                f"{part.strip()!r}"
+                f"{name}: expected velocities and times as in '1e-6 until 120 s, then 10 um/s', got {part.strip()!r}"
             ) from None
         if not start < stop <= end:
             raise ValueError(
-                f"--velocity: a leg ends at {stop:g} s: it must end after {start:g} s and within the {end:g} s recorded"
+                f"{name}: a leg ends at {stop:g} s: it must end after {start:g} s and within the {end:g} s recorded"
             )
         legs.append(LoadStep(stop - start, velocity))
         start = stop
     if start < end:
         raise ValueError(
-            f"--velocity ends at {start:g} s, but the record ends at {end:g} s: add the rest, or leave out 'until'"
+            f"{name} ends at {start:g} s, but the record ends at {end:g} s: add the rest, or leave out 'until'"
         )
     return tuple(legs)
 

@@ -10,6 +10,7 @@ from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 from ....kit import check_types, readable
 from .laws import DONE, build_slider, history, state_history
 from .loads import LoadStep, check_times, leg_arrays
+from .ranges import Positive
 
 TOLERANCE = 1e-10
 NAMES = (
@@ -49,9 +50,14 @@ class Data(NamedTuple):
     ) = ()  # legs of the load point, which pulls the slider through the spring, see `LoadStep`
     velocity: np.ndarray | None = None  # (N,) measured, positive slip velocity instead of legs [length/time]
     sigma: np.ndarray | None = None  # (N,) relative size of the noise; None if it is uniform
-    before: float | None = None  # slip velocity before the start; None: that of the first leg [length/time]
+    before: Positive | None = None  # slip velocity before the start; None: that of the first leg [length/time]
 
-    check_entries = check_types
+    def check_entries(self) -> None:
+        """Raise ValueError, which `checked` passes on from within a union, if an entry is not valid."""
+        try:
+            check_types(self)
+        except TypeError as problem:
+            raise ValueError(f"Data are not valid: {problem}") from None
 
 
 class Prepared(NamedTuple):

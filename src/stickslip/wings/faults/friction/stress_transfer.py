@@ -298,7 +298,7 @@ class Injection(NamedTuple):
     @property
     def breaks(self) -> tuple[float, ...]:
         """Start and end of the injection [s]."""
-        return self.start, self.stop
+        return float(self.start), float(self.stop)
 
     def pressure(self, depth: np.ndarray, time: float) -> np.ndarray:
         """Pore pressure in excess of that before the injection (N,) [Pa]."""

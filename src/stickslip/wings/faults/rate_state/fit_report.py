@@ -1,6 +1,7 @@
 """Fits of a laboratory record: tables, JSON, figures, and draws from the posterior."""
 
 import json
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -75,7 +76,10 @@ def fit_record(
     if "stiffness" in fixed and "stiffness" in free:
         raise ValueError("--stiffness and --free-stiffness exclude each other: choose one")
     raw = read_record(file, columns=_parse_columns(columns), motion=velocity is None)
-    record = record_data(raw, before=before, normal=normal, velocity=velocity)
+    try:
+        record = record_data(raw, before=before, normal=normal, velocity=velocity)
+    except ValueError as problem:
+        raise ValueError(re.sub("^velocity", "--velocity", str(problem))) from None
     sprung, has_stiffness = len(record.legs) > 0, "stiffness" in fixed or "stiffness" in free
     if sprung and not has_stiffness:
         raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
