@@ -23,6 +23,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import stickslip as ss
 from stickslip import wing
@@ -168,6 +169,15 @@ def test_a_file_that_it_does_not_name_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "EXPERIMENT", EXPERIMENT._replace(writes=()))
     with pytest.raises(RuntimeError, match=r"tosses\.csv are not run files: list them in `writes`"):
         write_result(tmp_path / "out", EXPERIMENT, ss.simulate(ss.scenario(experiment="coins")))
+
+
+@pytest.mark.parametrize("part", ["files", "figures"])
+def test_no_file_is_written_outside_the_folder(part, tmp_path):
+    made = {"files": lambda path: path.write_text("x"), "figures": Figure()}[part]
+    experiment = EXPERIMENT._replace(**{part: lambda result: [("../../evil.png", made)]})
+    with pytest.raises(RuntimeError, match=r"'\.\./\.\./evil\.png' is not a file name"):
+        write_result(tmp_path / "out", experiment, ss.simulate(ss.scenario(experiment="coins")))
+    assert not (tmp_path / "evil.png").exists()
 
 
 def read_stacks(path) -> dict[str, dict]:

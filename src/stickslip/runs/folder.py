@@ -255,10 +255,15 @@ def write_reproduction(folder: Path, experiment: Experiment, reproduction, look:
 
 
 def _write_files(staging: Path, files, figures, look: Look) -> None:
+    def inside(name: str) -> str:
+        if Path(name).name != name:
+            raise RuntimeError(f"{name!r} is not a file name: files of a run are written into its folder")
+        return name
+
     for name, write in files:
-        write(staging / name)
+        write(staging / inside(name))
     for name, figure in figures:
-        for each, content in render_all(name, figure, look).items():
+        for each, content in render_all(inside(name), figure, look).items():
             (staging / each).write_bytes(content)
 
 
