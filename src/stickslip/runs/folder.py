@@ -257,7 +257,7 @@ def write_reproduction(folder: Path, experiment: Experiment, reproduction, look:
 def _write_files(staging: Path, files, figures, look: Look) -> None:
     def inside(name: str) -> str:
         if Path(name).name != name:
-            raise RuntimeError(f"{name!r} is not a file name: files of a run are written into its folder")
+            raise RuntimeError(f"{name!r} is not a file name: every file is written into the run folder")
         return name
 
     for name, write in files:
