@@ -34,6 +34,9 @@ def hide(names) -> None:
 
 def main(name: str, *arguments: str) -> int:
     """Run pytest without a wing."""
+    if name not in (*NAMES, "all"):
+        print(f"{__doc__}\nWings: {', '.join(NAMES)}", file=sys.stderr)
+        return 2
     hide(NAMES if name == "all" else [name])
     return pytest.main(["-q", "-p", "no:cacheprovider", *arguments])
 

@@ -5,13 +5,16 @@ content of a wing, which is imported on first use. This module needs only the st
 """
 
 import re
+import sys
 import warnings
 from collections.abc import Mapping
+from contextlib import redirect_stdout
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
+from traceback import walk_tb
 from typing import Any, NamedTuple
 
 GROUP = "stickslip.wings"
@@ -71,7 +74,8 @@ class Wing(NamedTuple):
         """Import a function or a value, given as "module.name"; a failure of third-party code names its package."""
         module, _, name = path.rpartition(".")
         try:
-            return getattr(import_module(f"{self.package}.{module}".rstrip(".")), name)
+            with redirect_stdout(sys.stderr):  # standard output is the answer of a command
+                return getattr(import_module(f"{self.package}.{module}".rstrip(".")), name)
         except (Exception, SystemExit) as problem:
             if self.package.startswith(f"{__package__}."):
                 raise
@@ -121,7 +125,8 @@ def installed() -> dict[str, Wing]:
         try:
             if entry.name in found:
                 raise ValueError("a wing of this name is loaded already")
-            wing = entry.load()
+            with redirect_stdout(sys.stderr):
+                wing = entry.load()
             if not isinstance(wing, Wing):
                 raise TypeError(f"{entry.value} is a {type(wing).__name__}, not a Wing")
             if not isinstance(wing.words, str) or not _has_module(wing.package):
@@ -133,6 +138,21 @@ def installed() -> dict[str, Wing]:
         if wrong:
             _warn(entry, "is loaded only in part", "; ".join(wrong))
     return found
+
+
+def failure_of_foreign_wing(problem: BaseException) -> str | None:
+    """One sentence if an exception passed through a wing of another package, with its place there; otherwise None."""
+    own = f"{__package__}."
+    foreign = [(name, wing.package) for name, wing in installed().items() if not wing.package.startswith(own)]
+    for frame, line in reversed([*walk_tb(problem.__traceback__)]):
+        module = f"{frame.f_globals.get('__name__')}."
+        for name in (name for name, package in foreign if module.startswith(f"{package}.")):
+            where = f"{Path(frame.f_code.co_filename).name}, line {line}"
+            return (
+                f"the wing {name} failed in {where} ({type(problem).__name__}: {_said(problem)}): report it to its "
+                f"authors, with the traceback of `python -X dev -m {__package__}`"
+            )
+    return None
 
 
 def experiment_packages() -> dict[str, str]:

@@ -353,6 +353,39 @@ def test_what_cannot_be_imported_names_its_wing_and_is_missed_by_nothing_else(od
 
 
 @pytest.mark.parametrize(
+    ("module", "code", "said"),
+    [
+        ("@command()\ndef run():\n    {}['a']", 1, "the wing odd failed in tool.py, line 4 (KeyError: 'a'): report it"),
+        ("@command()\ndef run():\n    command(3)", 1, "the wing odd failed in tool.py, line 4 (TypeError: "),
+        ("def run(): pass", 2, "tool.run, is not a function decorated with `stickslip.kit.command`"),
+        ("run = 3", 2, "tool.run, is not a function decorated with `stickslip.kit.command`"),
+    ],
+)
+def test_what_fails_in_a_wing_is_one_sentence_without_a_traceback(module, code, said, odd, monkeypatch, capfd):
+    odd("commands=(Command('odd', 'x', 'tool.run'),)", tool=f"from stickslip.kit import command\n{module}")
+    assert call(monkeypatch, "odd") == code
+    (line,) = capfd.readouterr().err.splitlines()
+    assert said in line
+
+
+def test_a_fault_of_this_package_keeps_its_traceback(odd, monkeypatch):
+    odd("commands=(Command('odd', 'x', 'tool.run'),)", tool="")
+    monkeypatch.setattr(wing.Wing, "function", lambda *_: {}["a"])
+    with pytest.raises(KeyError):
+        monkeypatch.setattr(sys, "argv", ["stickslip", "odd"])
+        main()
+
+
+def test_prints_of_a_wing_and_its_unreadable_pages_spoil_nothing(odd, few_spheres, monkeypatch, capfd):
+    odd("WING = Wing(__name__, 'x', pages=('odd',))\nprint('hello')")
+    assert call(monkeypatch, "stability", few_spheres, "--json") == 0
+    said = capfd.readouterr()
+    assert json.loads(said.out)["command"] == "stability" and said.err == "hello\n"
+    (wing.installed()["odd"].folders()[0] / "odd.md").write_bytes(b"# Odd \xff\n")
+    assert bundled.pages()["odd"] == "Odd \ufffd"
+
+
+@pytest.mark.parametrize(
     ("checks", "said"),
     [
         ("odd = lambda: {'odd': Selfcheck('a', 0.0, 1, 'x')}", "odd: ValueError: could not convert string to float"),

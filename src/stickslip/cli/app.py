@@ -23,7 +23,7 @@ import typer
 
 from .. import __version__, reports, runs
 from ..extras import MissingExtraError
-from ..wing import Command, MissingWingError, Wing, wings
+from ..wing import Command, MissingWingError, Wing, failure_of_foreign_wing, wings
 
 DEVICES = {"cuda": "an NVIDIA graphics processor, with the extra gpu"}
 ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
@@ -85,6 +85,9 @@ class _Commands(typer.core.TyperGroup):
         wing, one = commands()[name]
         single = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
         function = wing.function(one.function)
+        if not hasattr(function, "how"):
+            form = "a function decorated with `stickslip.kit.command`"
+            raise MissingWingError(f"the command {name} of the wing {wing.package}, {one.function}, is not {form}")
         how = {key: value() if callable(value) else value for key, value in function.how.items()}
         single.command(name, **how)(function)
         return name, typer.main.get_command(single), args[1:]
@@ -419,9 +422,12 @@ def main() -> None:
     except KeyboardInterrupt as problem:
         code, stopped = STOPPED, f"stopped by {problem}" if str(problem) else stopped
     except Exception as problem:
-        if not hasattr(problem, "format_message"):
+        if hasattr(problem, "format_message"):
+            _fail(_usage_message(problem), 2)
+        failure = None if sys.flags.dev_mode else failure_of_foreign_wing(problem)
+        if failure is None:
             raise
-        _fail(_usage_message(problem), 2)
+        _fail(failure, 1)
     if code == STOPPED:
         _fail(stopped, STOPPED)
     sys.exit(code or 0)

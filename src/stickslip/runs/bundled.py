@@ -39,8 +39,7 @@ _WITHOUT_TEXT = {
 
 def headings() -> dict[str, str]:
     """Return the headings of each page of documentation."""
-    texts = {name: file.read_text(encoding="utf-8") for name, file in _pages().items()}
-    return {name: " ".join(re.findall(r"^#+ (.*)$", text, re.M)) for name, text in texts.items()}
+    return {name: " ".join(re.findall(r"^#+ (.*)$", text, re.M)) for name, text in _texts().items()}
 
 
 def names() -> dict[str, str]:
@@ -126,8 +125,12 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
 
 def pages() -> dict[str, str]:
     """Return the names of all installed pages of documentation, each with its title."""
-    texts = {name: file.read_text(encoding="utf-8") for name, file in _pages().items()}
-    return {name: f"\n{text}".partition("\n# ")[2].partition("\n")[0] for name, text in texts.items()}
+    return {name: f"\n{text}".partition("\n# ")[2].partition("\n")[0] for name, text in _texts().items()}
+
+
+def _texts() -> dict[str, str]:
+    """Texts of all installed pages; characters that are not UTF-8, in pages of other packages, are replaced."""
+    return {name: file.read_text(encoding="utf-8", errors="replace") for name, file in _pages().items()}
 
 
 def _pages() -> dict[str, Path]:
@@ -163,7 +166,7 @@ def page(name: str) -> str:
             or installed
         )
         raise ValueError(f"there is no page {name!r}: use {', '.join(near)}")
-    return installed[meant[0]].read_text(encoding="utf-8")
+    return _texts()[meant[0]]
 
 
 LIBRARIES = ("NumPy", "SciPy", "Numba", "h5py", "Matplotlib")
