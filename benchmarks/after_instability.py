@@ -172,6 +172,8 @@ def compare(state, law, seed: int) -> Row | str:
         return TOO_LONG
     plane = birth.invariant_plane(ss.modes.dynamical_matrix(state, law, form.free), form.eigenvalue)
     target = min(form.first, form.peak if form.fate == "bounded bursts" else np.inf)
+    if not np.isfinite(target):
+        return "no contact is predicted to be lost"
     grown = first_loss(state, on_mode(state, form, plane, SHARE * target), law, form, plane, -np.log(SHARE) + BEYOND)
     kick = NOISE * form.displacement(target) * form.frequency
     moving = ss.packings.perturbed(state, velocity=kick, seed=seed)

@@ -213,6 +213,12 @@ def test_the_contact_that_is_lost_first_is_the_predicted_one(load, fate):
     assert swing == pytest.approx(np.abs(predicted).max(), rel=0.08)
 
 
+def test_a_verdict_without_a_lost_contact_says_so():
+    none = {"limit": np.inf, "opening": np.inf, "limit_contact": (-1, -1), "opening_contact": (-1, -1)}
+    said = form(0.046)._replace(peak=np.inf, closing=np.inf, rates=np.array([1.0]), **none).verdict
+    assert said == "runaway: growth becomes faster, and no contact is lost up to the largest amplitude examined"
+
+
 def test_rates_are_those_of_the_spectrum_also_far_from_a_birth():
     computed, spectrum = form(0.046), ss.stability(pushed(0.046), LAW)
     assert computed.fate == "runaway"

@@ -150,18 +150,18 @@ class BirthForm(NamedTuple):
         """Prediction of the normal form, in words."""
         i, j = self.limit_contact if self.limit <= self.opening else self.opening_contact
         what = "reaches the Coulomb limit" if self.limit <= self.opening else "opens"
-        end = "no contact is lost"
+        until = ", and no contact is lost up to the largest amplitude examined"
         if np.isfinite(self.first):
-            end = f"contact {i}–{j} {what}, when grains move by {self._displacement_text(self.first)}"
+            until = f" until contact {i}–{j} {what}, when grains move by {self._displacement_text(self.first)}"
         sentences = {
             "bounded bursts": f"bounded bursts, in which grains move by up to {self._displacement_text(self.peak)}; no "
             f"contact is lost (the first would be {i}–{j} at {self._displacement_text(self.first)})",
-            "runaway": f"runaway: growth becomes faster until {end}",
-            "limit first": f"limit first: growth becomes slower until {end}"
+            "runaway": f"runaway: growth becomes faster{until}",
+            "limit first": f"limit first: growth becomes slower{until}"
             + (f"; the burst would go on to {self._displacement_text(self.peak)}" if np.isfinite(self.peak) else ""),
-            "not near a birth": f"not near a birth (|q|/|p| = {self.nearness:.2f}): linear growth until {end}",
+            "not near a birth": f"not near a birth (|q|/|p| = {self.nearness:.2f}): linear growth{until}",
             "resonance": f"no normal form, since a mode {100 * self.resonance:.2g} % from twice the frequency leaves β "
-            f"uncertain by {100 * self.detuned:.0f} %: linear growth until {end}",
+            f"uncertain by {100 * self.detuned:.0f} %: linear growth{until}",
         }
         closes = ""
         if self.closing < min(self.first, self.peak if self.fate == "bounded bursts" else np.inf):
