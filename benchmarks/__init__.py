@@ -70,9 +70,16 @@ BENCHMARKS = {
     ),
     "gouge_thickness": Benchmark("gouge with a thickness of 14 D and of 20 D", 3600, GOUGE),
     "hold_energy": Benchmark("energy of vibrations in holds of gouge", 900, GOUGE),
+    "hold_energy_lammps": Benchmark(
+        "relaxation in holds of gouge, compared with LAMMPS", 9000, GOUGE, "hold_energy:rows_of_engines"
+    ),
+    "hold_energy_steps": Benchmark("holds of gouge with several time steps", 900, GOUGE, "hold_energy:rows_of_steps"),
     "inclusions": Benchmark("inflated grains compared with elasticity", 300, STATICS),
     "lammps_ranks": Benchmark("LAMMPS on several MPI ranks", 60, ("wings/lammps",)),
-    "load_paths": Benchmark("ends of load paths, and slow dynamics", 3600, PATHS),
+    "load_path_dynamics": Benchmark(
+        "ends of load paths, compared with slow dynamics", 1800, PATHS, "load_paths:rows_of_dynamics"
+    ),
+    "load_paths": Benchmark("ends of load paths with several increments", 1800, PATHS),
     "measured_forces": Benchmark("verdicts from measured forces", 60, (*STATICS, "data/exchange")),
     "memory": Benchmark("memory of states and runs, up to a million grains", 900, LOOP),
     "packings": Benchmark("time to generate packings", 120, STATICS),
@@ -86,5 +93,6 @@ BENCHMARKS = {
     ),
     "spheres": Benchmark("strain steps of spheres, compared with damped dynamics", 900, STATICS, ratios=True),
     "unresolved_events": Benchmark("unresolved events of packings without friction", 900, STATICS),
+    "wedged_paths": Benchmark("load paths on which rattlers are wedged", 600, PATHS, "load_paths:rows_of_wedged"),
     "writing": Benchmark("time and size of archives, movies and reports", 600, ("data", "figures", "reports")),
 }

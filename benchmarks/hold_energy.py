@@ -1,8 +1,8 @@
 """Energy balance of vibrations in holds of fault gouge for two tangential laws, and several dampings and time steps.
 
     python -m benchmarks hold_energy                # 16 ledgers of 10 ms (about a quarter of an hour on two cores)
-    python -m benchmarks hold_energy --steps        # holds of 20 ms with time steps from 5e-8 to 4e-7 s
-    python -m benchmarks hold_energy --lammps       # holds of 0.1 s of one scenario with stickslip and with LAMMPS
+    python -m benchmarks hold_energy_steps          # holds of 20 ms with time steps from 5e-8 to 4e-7 s
+    python -m benchmarks hold_energy_lammps         # holds of 0.1 s of one scenario with stickslip and with LAMMPS
 
 One sample of 300 mobile grains slides at 0.03 m/s with γ_n = 1e4 1/(m s) and the plain tangential law. Holds start from
 several of its states, with the law, damping and time step of each row. Energies are means over these states, in units
@@ -29,6 +29,7 @@ VELOCITY, HOLD, STATES = 0.03, 0.01, 2
 DAMPINGS = (0.0, 1e4, 6.2e5, 6e7)
 STEPS = (4e-7, 2e-7, 5e-8)
 LAWS = {"plain": "hertz_mindlin_reff", "rescaled": "hertz_mindlin_reff_rescaled"}
+SMALLEST = {"grains": {"number": 40}, "cell": {"length": 0.017}, "preparation": {"slip": 0.01}}
 COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "viscous", "nonpotential", "defect")
 
 
@@ -91,28 +92,33 @@ def holds(cases, starts, *, seconds: float, ledger: bool):
         yield "  ".join([head, *books])
 
 
-def compare_engines():
+def rows(*, smallest: bool = False):
+    """Yield the energy ledgers."""
+    if smallest:
+        yield from holds([("plain", 1e4, STEPS[0])], places(base(**SMALLEST))[:1], seconds=1e-4, ledger=True)
+    else:
+        yield from holds(product(LAWS, DAMPINGS, (STEPS[0], STEPS[-1])), places(base()), seconds=HOLD, ledger=True)
+
+
+def rows_of_steps(*, smallest: bool = False):
+    """Yield the holds with several time steps."""
+    if smallest:
+        yield from holds([("plain", 6e7, STEPS[1])], places(base(**SMALLEST))[:1], seconds=1e-4, ledger=False)
+    else:
+        yield from holds(product(("plain",), (1e4, 6e7), STEPS), places(base()), seconds=2 * HOLD, ledger=False)
+
+
+def rows_of_engines(*, smallest: bool = False):
     """Compare relaxation in 0.1 s between engines, for both tangential laws; each engine slides its own samples."""
-    protocol = [base().protocol[0].model_dump() | {"holds": (1e-2, 1e-1), "branches": 3}]
+    holds, engines = ((1e-4, 1e-3), ("stickslip",)) if smallest else ((1e-2, 1e-1), ("stickslip", "lammps"))
+    protocol = [base().protocol[0].model_dump() | {"holds": holds, "branches": 3}]
     for name, gamma in product(LAWS, (1e4, 6e7)):
-        for engine in ("stickslip", "lammps"):
-            scenario = base(engine=engine, protocol=protocol, law={"damping_n": gamma, "kind": LAWS[name]})
+        for engine in engines:
+            law = {"damping_n": gamma, "kind": LAWS[name]}
+            scenario = base(**SMALLEST if smallest else {}, engine=engine, protocol=protocol, law=law)
             scenario = scenario.model_copy(update={"realizations": 2})
             with TemporaryDirectory() as folder:
                 result = simulate_gouge(scenario, folder=Path(folder))
             curve = measures.hold_curve(result, VELOCITY)
-            words = ", ".join(f"{curve.at(t).value:.4f} ± {curve.at(t).half:.4f} at {t:g} s" for t in (1e-2, 1e-1))
+            words = ", ".join(f"{curve.at(t).value:.4f} ± {curve.at(t).half:.4f} at {t:g} s" for t in holds)
             yield f"{name:8}  {gamma:7.1e}  {engine:9}  {words}"
-
-
-def rows(*words: str, smallest: bool = False):
-    """Yield the lines of the requested table."""
-    if smallest:
-        starts = places(base(grains={"number": 40}, cell={"length": 0.017}, preparation={"slip": 0.01}))
-        yield from holds([("plain", 1e4, STEPS[0])], starts[:1], seconds=1e-4, ledger=True)
-    elif "--lammps" in words:
-        yield from compare_engines()
-    elif "--steps" in words:
-        yield from holds(product(("plain",), (1e4, 6e7), STEPS), places(base()), seconds=2 * HOLD, ledger=False)
-    else:
-        yield from holds(product(LAWS, DAMPINGS, (STEPS[0], STEPS[-1])), places(base()), seconds=HOLD, ledger=True)

@@ -1,7 +1,8 @@
 """Ends of quasi-rigid paths: dependence on the load increment, and comparison with slow dynamics.
 
     python -m benchmarks load_paths                # 50 samples with four increments (about an hour on one core)
-    python -m benchmarks load_paths --slow 20      # the first 20 samples of 60 disks, compared with slow dynamics
+    python -m benchmarks load_path_dynamics        # the first 24 samples of 60 disks, compared with slow dynamics
+    python -m benchmarks wedged_paths              # boxes of 100 disks in which rattlers are wedged
 
 A sample is a box of disks, with or without its rattlers. The force on one wall grows to three times its initial value
 or falls to a tenth of it. Ends agree if their loads differ by at most 1 %. If ends do not agree, at least one path must
@@ -9,6 +10,7 @@ have reported that other choices are consistent as well, or that it is undecided
 """
 
 import time
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -17,13 +19,14 @@ import stickslip as ss
 from stickslip.core.state import Control, State
 from stickslip.loading.compression import RIGHT, TOP, biaxial_box, settle, with_load
 from stickslip.loading.settling import slow_dynamics
-from stickslip.wings.status.path import LoadPath, load_path
+from stickslip.wings.status.path import RETURNS, LoadPath, load_path
 
 from .records import number
 
 INCREMENTS = (0.01, 0.005, 0.002, 0.0005)
 DIRECTIONS = {"lid down": (TOP, 3.0), "side in": (RIGHT, 3.0), "lid up": (TOP, 0.1), "side out": (RIGHT, 0.1)}
 SIZES = {60: 20, 100: 14, 200: 10, 400: 6}  # number of samples of each size
+WEDGED, SHOWN = range(702180, 702238), 702185  # seeds of boxes with a wedged rattler; the example of the documentation
 FIRST_SEED = 101  # seeds from here on are not used by any test
 AGREE = 0.01  # largest relative difference between ends that agree
 PRESSURE = 1e-4
@@ -184,11 +187,32 @@ def summary(results: list[list[PathEnd]]):
     yield "  verdicts: " + ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
-def rows(*words: str, smallest: bool = False):
-    """All samples with all increments or, with `--slow N`, N samples of 60 disks compared with slow dynamics."""
-    if words:
-        yield from compare_with_dynamics(samples({60: int(words[1])}))
-        return
+def rows_of_dynamics(*, smallest: bool = False):
+    """Samples of 60 disks compared with slow dynamics."""
+    yield from compare_with_dynamics(samples({20: 1} if smallest else {60: 24}))
+
+
+def rows_of_wedged(*, smallest: bool = False):
+    """Ends of paths on which the wall to the right is loaded, and how often a disk is wedged."""
+    alike, most = [], 0
+    for seed in WEDGED[:1] if smallest else WEDGED:
+        state, law = biaxial_box(20 if smallest else 100, seed=seed, mu=0.5, pressure=5e-4)
+        end = with_load(state.control, len(state.grains.radius) + RIGHT, 3.0)
+        paths = {h: load_path(state, law, end, increment=h) for h in (INCREMENTS if seed == SHOWN else INCREMENTS[::2])}
+        loads = {h: path.points[-1].load for h, path in paths.items()}
+        wedged = {h: Counter(e.i for e in path.events if e.kind == RETURNS) for h, path in paths.items()}
+        if seed == SHOWN:
+            yield f"seed {seed}: " + ", ".join(f"{loads[h]:.4f} {paths[h].verdict.name}" for h in paths)
+        coarse, fine = loads[INCREMENTS[0]], loads[INCREMENTS[2]]
+        alike.append(abs(coarse - fine) <= 2e-3 * max(coarse, fine))
+        most = max([most, *(count for h in INCREMENTS[::2] for count in wedged[h].values())])
+    yield number("boxes", len(alike))
+    yield number("ends agree within 0.2 %", sum(alike), "boxes")
+    yield number("most often that a disk is wedged", most)
+
+
+def rows(*, smallest: bool = False):
+    """All samples with all increments."""
     results, longest = [], {}
     yield f"{'':44s}" + "".join(f" {increment:8g}" for increment in INCREMENTS)
     for sample in samples({20: 1} if smallest else SIZES):
