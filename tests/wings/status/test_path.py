@@ -264,6 +264,14 @@ def test_ends_do_not_depend_on_the_increment_nor_on_round_off(cases, increment):
     assert sum(alike) >= len(cases) - 1  # few samples lie at a choice; which ones do differs from machine to machine
 
 
+def test_a_disk_without_force_is_held_again_by_forces_within_the_cone():
+    """Two contacts without force begin to carry load at the start of an increment, and one of them had been sliding."""
+    state, law = box_of(5)
+    path = load_path(state, law, with_load(state.control, 60 + TOP, 1.06), increment=1 / 3)
+    assert path.complete
+    holds_everywhere(path)
+
+
 def test_a_path_without_progress_ends_after_a_stated_number_of_events(boxed, monkeypatch):
     state, law = boxed
     run = Increment.run
@@ -321,7 +329,7 @@ def test_ends_of_larger_samples_do_not_depend_on_the_increment():
     for sample in some:
         state, law, end = prepare(sample)
         alike.append(ends_alike([load_path(state, law, end, increment=h) for h in (0.01, 0.005, 0.002)]))
-    assert sum(alike) >= len(some) - 1
+    assert sum(alike) >= len(some) - 2  # in the others, several choices are consistent
 
 
 @pytest.mark.slow

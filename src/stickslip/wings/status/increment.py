@@ -80,7 +80,7 @@ class Increment:
         self.last, self.solve, self.missed, self.looked, self.ahead = None, None, 0.0, place.looked, None
         self.broke = False  # whether the increment ended because a bond broke
         self._set_state(place)
-        if place.fresh.any():
+        if place.fresh.any() or (self.matrix.force[:, 0] <= APEX * self.mean).any():
             self._decide_at_apex(place)
         # bonds lose their stiffness, or buckle
         if self.lost is None and self.state.bonds and lowest_eigenvalue(self.matrix) < 0:
