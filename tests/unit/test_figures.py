@@ -223,6 +223,9 @@ def test_quasi_rigid_curves_stand_over_strain():
     assert texts == ["sample 3", "slow dynamics", "unloading", "stability is lost", "collapse"]
     (axes,) = quasi_rigid.errors([sample]).axes
     assert holds(axes, [1.0, 2.0], [0.1, 0.05], label="sample 3")
+    slow.strain[-1] *= 10.0  # a collapse
+    top, _ = quasi_rigid.curves([sample], "biaxial").axes
+    assert holds(top, slow.strain[:-1], slow.ratio[:-1], linestyle="--")
 
 
 def test_stiffness_along_a_path():

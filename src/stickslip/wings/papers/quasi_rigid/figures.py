@@ -45,6 +45,7 @@ COLORS = (
 def curves(tested: Annotated[list[_WithCurve], FILLED], test: str):
     """Stress ratio and volumetric strain against strain, for the path, slow dynamics and unloading."""
     figure, (top, bottom) = style.column_axes(2, 4.4, sharex=True)
+    reach = 1.1 * max(np.abs(sample.curve.strain).max() for sample in tested)  # dynamics may collapse earlier, and far
     for color, sample in zip(cycle(COLORS), tested, strict=False):
         for axes, name in ((top, "ratio"), (bottom, "volumetric")):
             axes.plot(sample.curve.strain, getattr(sample.curve, name), color=color, lw=1.2)
@@ -57,7 +58,7 @@ def curves(tested: Annotated[list[_WithCurve], FILLED], test: str):
                 axes.plot(sample.back.strain, getattr(sample.back, name), ":", color=color, lw=0.9)
             if sample.slow:
                 slow = max(sample.slow, key=lambda run: run.time).curve
-                near = slow.load <= sample.curve.load[-1]
+                near = (slow.load <= sample.curve.load[-1]) & (np.abs(slow.strain) <= reach)
                 axes.plot(slow.strain[near], getattr(slow, name)[near], "--", color=style.BLACK, lw=0.6)
         top.plot([], [], color=color, label=f"sample {sample.seed}")
     if any(sample.slow for sample in tested):
