@@ -45,6 +45,7 @@ AT_CONE = 1e-10  # round-off of the distance from the cone over the mean normal 
 BLURRED = 10.0  # ratio of force to unbalanced force below which disks with two contacts are not checked for the cone
 CROWD = 200  # number of events without progress in load after which a path ends; no observed avalanche was as large
 OUT_OF_BALANCE = 1e-4  # ratio of unbalanced to mean force that halves increments; the accuracy of event loads
+ROUND_OFF = 1e-8  # error of the rate of a force over the largest rate
 BALANCED = 1e-10  # residual over the mean normal force after balancing; far below the force of a contact at the apex
 TOUCHES = 1e-7  # gap up to which a pair touches, as a force over the mean normal force; below the error due to APEX
 STRAYS = 1e-3  # ratio of estimated force error to mean normal force beyond which an increment of spheres is halved
@@ -80,7 +81,8 @@ class Increment:
         self.last, self.solve, self.missed, self.looked, self.ahead = None, None, 0.0, place.looked, None
         self.broke = False  # whether the increment ended because a bond broke
         self._set_state(place)
-        if place.fresh.any() or (self.matrix.force[:, 0] <= APEX * self.mean).any():
+        self.decided = bool(place.fresh.any())
+        if self.decided:
             self._decide_at_apex(place)
         # bonds lose their stiffness, or buckle
         if self.lost is None and self.state.bonds and lowest_eigenvalue(self.matrix) < 0:
@@ -190,6 +192,10 @@ class Increment:
                 faint = m.width == 3 and (force[now.limit, 0] <= APEX * self.mean).any()
                 verdict = Verdict.NOT_FOUND if faint else choice.verdict
                 return self._finish(force, moved, slides, sign, (), done), done * self.increment, verdict
+            if not self.decided and not done and self._leaves_apex(now, choice):
+                self.decided = True
+                self._decide_at_apex(self.place)
+                return self.run(start)
             if self.looked == load and not self._is_stable(now, choice, load):
                 end = self._finish(force, moved, slides, sign, (), done)
                 return end, done * self.increment, Verdict.NEGATIVE
@@ -237,6 +243,13 @@ class Increment:
         if not np.isfinite(rate).all() or inconsistent(slides[critical], rate).any():
             return None
         return ContactStatus(Verdict.CONSISTENT, slides, critical, velocity, rate, "as before", 1)
+
+    def _leaves_apex(self, now: LinearSystem, choice: ContactStatus) -> bool:
+        """Return True if a contact that sticks without force would carry forces beyond Coulomb's limit."""
+        rate = force_rates(now, choice.sliding, choice.velocity)
+        sticks = ~choice.sliding & (now.force[:, 0] <= APEX * self.mean) & (rate[:, 0] > 0)
+        beyond = np.linalg.norm(rate[:, 1:], axis=1) - now.mu * rate[:, 0]
+        return bool((beyond[sticks] > ROUND_OFF * np.abs(rate).max(initial=0.0)).any())
 
     def _at_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Return the mask (M,) of sticking contacts that carry a force and are on the cone to within round-off."""
