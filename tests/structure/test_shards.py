@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from tests import durations
+from tests import durations, mutants
 from tests.durations import cut, shard
 from tests.rooms import ROOT
 
@@ -59,3 +59,8 @@ def test_every_test_that_takes_long_states_a_reason():
         if len(text) == 2 and not re.search(r"^# \d+ s: \w.{9,}$", text[0].rpartition("\n\n")[2], re.MULTILINE):
             silent.append(name)
     assert not silent
+
+
+def test_every_stored_fault_applies_to_one_line():
+    for fault in mutants.read():
+        fault.line(ROOT)
