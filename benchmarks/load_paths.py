@@ -165,7 +165,7 @@ def compare_with_dynamics(some: list[Sample]):
     yield f"{len(some)} samples: {len(size)} collapse, {survivors} do not up to {BEYOND} times the last load"
     for limit in (0.001, 0.003, 0.01, 0.03, 0.1):
         yield number(
-            f"dynamics collapses within {limit:.1%} of the end of the path", int((size <= limit).sum()), "samples"
+            f"dynamics collapses within {100 * limit:g} % of the end of the path", int((size <= limit).sum()), "samples"
         )
     if len(size):
         yield f"  relative difference of those that collapse: median {np.median(size):.2%}, largest {size[-1]:.2%}"

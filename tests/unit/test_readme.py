@@ -31,7 +31,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
             ("the force grows: the full load was reached", "the lid is moved: "),
             marks=pytest.mark.slow,
         ),
-        ("docs/quasi_rigid.md", 5, ("'UNIQUE': ", "'MECHANISM': ")),
+        ("docs/quasi_rigid.md", 4, ("'UNIQUE': ", "'MECHANISM': ")),
         ("docs/faults.md", 3, ("M_w [4.", "[ True False]")),
         ("docs/look.md", 0, ("2 axes",)),
         ("docs/many_runs.md", 0, ("'spring.stiffness': 4, 'seed': 2", "1/m")),
