@@ -166,7 +166,7 @@ def page(name: str) -> str:
             or installed
         )
         raise ValueError(f"there is no page {name!r}: use {', '.join(near)}")
-    return _texts()[meant[0]]
+    return installed[meant[0]].read_text(encoding="utf-8", errors="replace")
 
 
 LIBRARIES = ("NumPy", "SciPy", "Numba", "h5py", "Matplotlib")

@@ -81,7 +81,7 @@ class Increment:
         self.last, self.solve, self.missed, self.looked, self.ahead = None, None, 0.0, place.looked, None
         self.broke = False  # whether the increment ended because a bond broke
         self._set_state(place)
-        self.decided = bool(place.fresh.any())
+        self.decided = bool(place.fresh.any())  # whether contacts without force have been decided
         if self.decided:
             self._decide_at_apex(place)
         # bonds lose their stiffness, or buckle
